@@ -1,0 +1,1 @@
+"""The pfviz app: particle filters on screen, in the browser."""
