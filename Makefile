@@ -21,7 +21,7 @@ run: ## start the app: make run ARGS="--port 9000"
 	@exec $(BIN)/pfviz serve $(ARGS)
 
 test: lint ## lint, types and all tests, those in a browser too
-	@browser=$$($(PY) scripts/browser.py) && PFVIZ_CHROMIUM="$$browser" exec $(PY) -m pytest $(PYTEST_ARGS)
+	@exec $(PY) scripts/with_browser.py -m pytest $(PYTEST_ARGS)
 
 lint: ## ruff and pyright
 	@sh scripts/environment.sh dev

@@ -51,7 +51,7 @@ install_debian_venv() {
     package=$("$1" -c 'import sys; print("python%d.%d-venv" % sys.version_info[:2])')
     say "installing $package with apt-get"
     export DEBIAN_FRONTEND=noninteractive
-    apt-get update -qq </dev/null >&2 && apt-get install -y -qq "$package" </dev/null >&2
+    { apt-get update -qq && apt-get install -y -qq "$package"; } </dev/null >/dev/null
 }
 
 with_ensurepip() { "$1" -m venv --clear "$venv" >/dev/null 2>&1; }

