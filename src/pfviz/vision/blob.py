@@ -1,0 +1,203 @@
+"""The Gaussian colour-blob detector, and the proposal that is drawn from its output.
+
+The sources (section 3) down-sample the detector's output to 24 x 18 for frames of 240 x 180, draw a cell, and
+add a uniform perturbation of fine scale. So does this: the density is piecewise constant and known exactly.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pfviz.model import Components
+from pfviz.particles import FloatArray, readonly
+from pfviz.vision.colour import decode
+from pfviz.vision.shapes import Contour
+
+_COLUMNS = 24
+_SIZE_ON_MAP = 12.0
+_SURROUND = 1.7
+_SURROUND_WEIGHT = 0.5
+_PROBABILITY = (1.0 / (1.0 + np.exp(-decode(np.arange(256, dtype=np.uint8))))).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class GridProposal:
+    """A piecewise constant density over the image, drawn from exactly.
+
+    Attributes:
+        probabilities: ``(rows, columns)``, of the cells; normalised here.
+        size: width and height of the image in pixels; the density is zero outside it.
+        components: always x and y.
+
+    Raises:
+        ValueError: if a probability is negative or none is positive.
+    """
+
+    probabilities: FloatArray
+    size: tuple[int, int]
+    components: Components = (0, 1)
+
+    def __post_init__(self) -> None:
+        cells = np.asarray(self.probabilities, dtype=float)
+        if cells.ndim != 2 or not (cells >= 0).all() or not 0 < cells.sum() < np.inf:
+            raise ValueError("probabilities must be a grid of non-negative numbers, not all zero")
+        object.__setattr__(self, "probabilities", readonly(cells / cells.sum()))
+
+    @property
+    def cell(self) -> FloatArray:
+        """``(2,)``: width and height of a cell in pixels."""
+        rows, columns = self.probabilities.shape
+        return np.array([self.size[0] / columns, self.size[1] / rows])
+
+    @property
+    def density(self) -> FloatArray:
+        """``(rows, columns)``: probability per square pixel."""
+        return self.probabilities / np.prod(self.cell)
+
+    @property
+    def nbytes(self) -> int:
+        return self.probabilities.nbytes
+
+    def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """``(count, 2)``: positions in pixels; a cell, then a uniform displacement within it."""
+        cumulative = np.cumsum(self.probabilities)
+        drawn = np.searchsorted(cumulative, rng.random(count) * cumulative[-1], side="right")
+        drawn = np.minimum(drawn, cumulative.size - 1)
+        rows, columns = np.divmod(drawn, self.probabilities.shape[1])
+        return (np.stack([columns, rows], axis=1) + rng.random((count, 2))) * self.cell
+
+    def log_density(self, proposed: FloatArray) -> FloatArray:
+        """``(N,)``: the log-density at ``proposed (N, 2)``; minus infinity outside the image."""
+        rows, columns = self.probabilities.shape
+        cells = np.floor(proposed / self.cell).astype(int)
+        inside = ((cells >= 0) & (cells < [columns, rows])).all(axis=1)
+        with np.errstate(divide="ignore"):
+            log_density = np.log(self.density)
+        result = np.full(len(proposed), -np.inf)
+        result[inside] = log_density[cells[inside, 1], cells[inside, 0]]
+        return result
+
+
+@dataclass(frozen=True)
+class BlobDetector:
+    """Where is something of the object's colour and size?
+
+    Every pixel has a probability of being the object's rather than the background's. Its mean over the
+    object's own silhouette, averaged over all rotations, less a part of the mean over the surround, is the
+    response: it peaks at the object's centre, where a mere colour mask is flat. Cells are weighed by a power
+    of the response plus a floor.
+
+    Attributes:
+        size: width and height of the frame in pixels.
+        shape: rows and columns of the proposal's grid.
+        map_scale: pixels of the response map per pixel of the working image.
+        kernel: ``(n, n)``, what the response is correlated with.
+        offset: ``(2,)``, where the peak lies relative to the object's centre, in pixels of the map.
+        sharpness: the power of the response.
+        floor: the mass spread evenly over the image, relative to that of one clearly seen object.
+        mass: the mass of one clearly seen object, in cells.
+    """
+
+    size: tuple[int, int]
+    shape: tuple[int, int]
+    map_scale: float
+    kernel: NDArray[np.float32]
+    offset: FloatArray
+    sharpness: float = 3.0
+    floor: float = 0.1
+    mass: float = 1.0
+
+    @classmethod
+    def learn(
+        cls,
+        ratio: NDArray[np.uint8],
+        contour: Contour,
+        centre: FloatArray,
+        working_scale: float,
+        size: tuple[int, int],
+    ) -> BlobDetector:
+        """From the colour ``ratio (h, w)`` of the working image with ``contour`` at ``centre``."""
+        map_scale = min(1.0, _SIZE_ON_MAP / (contour.size * working_scale))
+        kernel = _kernel(contour.outline() * (working_scale * map_scale))
+        plain = cls(size, _grid_shape(size, contour.size), map_scale, kernel, np.zeros(2))
+        response = plain.response(ratio)
+        offset = _peak_offset(response, centre * (working_scale * map_scale), 0.5 * _SIZE_ON_MAP)
+        corrected = replace(plain, offset=offset)
+        weights = corrected.cells(ratio)
+        near = _cells_near(centre, contour.size, weights.shape, size)
+        return replace(corrected, mass=max(float(weights[near].sum()), 0.25))
+
+    def response(self, ratio: NDArray[np.uint8]) -> NDArray[np.float32]:
+        """``(h, w)`` of the response map, between 0 and 1, from the colour ratio of the working image."""
+        probability = cv2.LUT(ratio, _PROBABILITY)
+        width, height = (max(1, round(side * self.map_scale)) for side in ratio.shape[::-1])
+        small = cv2.resize(probability, (width, height), interpolation=cv2.INTER_AREA)
+        filtered = cv2.filter2D(small, cv2.CV_32F, self.kernel, borderType=cv2.BORDER_CONSTANT)
+        return np.asarray(np.clip(filtered, 0.0, 1.0), dtype=np.float32)
+
+    def cells(self, ratio: NDArray[np.uint8]) -> FloatArray:
+        """``(rows, columns)``: the response raised to its power, offset-corrected and down-sampled."""
+        response = self.response(ratio) ** np.float32(self.sharpness)
+        if self.offset.any():
+            shift = np.array([[1.0, 0.0, -self.offset[0]], [0.0, 1.0, -self.offset[1]]])
+            response = cv2.warpAffine(response, shift, response.shape[::-1])
+        rows, columns = self.shape
+        return cv2.resize(response, (columns, rows), interpolation=cv2.INTER_AREA).astype(float)
+
+    def detect(self, ratio: NDArray[np.uint8]) -> GridProposal:
+        """The proposal for a frame, from the colour ratio of its working image."""
+        cells = self.cells(ratio)
+        return GridProposal(cells + self.floor * self.mass / cells.size, self.size)
+
+    def widened(self, factor: float) -> BlobDetector:
+        """A detector that is less sure of itself (``factor`` above 1) or surer (below)."""
+        return replace(self, sharpness=self.sharpness / factor**2, floor=self.floor * factor**2)
+
+
+def _grid_shape(size: tuple[int, int], object_size: float) -> tuple[int, int]:
+    """Rows and columns: 24 columns, or more where a cell would be larger than half of the object."""
+    width, height = size
+    cell = max(2.0, min(width / _COLUMNS, 0.5 * object_size))
+    return max(1, round(height / cell)), max(1, round(width / cell))
+
+
+def _kernel(outline: FloatArray) -> NDArray[np.float32]:
+    """The silhouette averaged over all rotations, minus a part of what surrounds it."""
+    radius = int(np.ceil(_SURROUND * np.linalg.norm(outline, axis=1).max())) + 1
+    own, grown = _turned_mean(outline, radius), _turned_mean(outline * _SURROUND, radius)
+    surround = np.clip(grown - own, 0.0, None)
+    return (own / own.sum() - _SURROUND_WEIGHT * surround / surround.sum()).astype(np.float32)
+
+
+def _turned_mean(outline: FloatArray, radius: int, fine: int = 4, turns: int = 36) -> FloatArray:
+    side = (2 * radius + 1) * fine
+    total = np.zeros((side, side))
+    for angle in np.linspace(0.0, 2.0 * np.pi, turns, endpoint=False):
+        cosine, sine = np.cos(angle), np.sin(angle)
+        turned = outline @ np.array([[cosine, sine], [-sine, cosine]])
+        mask = np.zeros((side, side), np.uint8)
+        cv2.fillPoly(mask, [np.rint((turned + radius + 0.5) * fine - 0.5).astype(np.int32)], 1)
+        total += mask
+    return total.reshape(2 * radius + 1, fine, 2 * radius + 1, fine).mean(axis=(1, 3)) / turns
+
+
+def _peak_offset(response: NDArray[np.float32], centre: FloatArray, reach: float) -> FloatArray:
+    """``(2,)``: from ``centre`` to the centre of mass of the response's peak near it, in map pixels."""
+    rows, columns = np.indices(response.shape)
+    dx, dy = columns + 0.5 - centre[0], rows + 0.5 - centre[1]
+    weights = np.where(np.hypot(dx, dy) <= reach, response.astype(float) ** 3, 0.0)
+    total = weights.sum()
+    return np.zeros(2) if total <= 0 else np.array([(weights * dx).sum(), (weights * dy).sum()]) / total
+
+
+def _cells_near(
+    centre: FloatArray, reach: float, shape: tuple[int, int], size: tuple[int, int]
+) -> NDArray[np.bool_]:
+    rows, columns = np.indices(shape)
+    x = (columns + 0.5) * size[0] / shape[1]
+    y = (rows + 0.5) * size[1] / shape[0]
+    return np.hypot(x - centre[0], y - centre[1]) <= reach

@@ -1,0 +1,351 @@
+"""The tracker's model: how an outline moves, what is proposed from a frame, and how a frame is explained."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfviz.dynamics.autoregressive import Autoregression
+from pfviz.names import find
+from pfviz.particles import FloatArray, ParticleSet, readonly
+from pfviz.record import StepRecord
+from pfviz.vision.blob import BlobDetector, GridProposal
+from pfviz.vision.colour import CODE_ZERO, ColourRatio
+from pfviz.vision.likelihoods import ColourLikelihood, ContourLikelihood
+from pfviz.vision.segmentation import box_error, segment
+from pfviz.vision.shapes import Contour, contour_from_box, contour_from_mask, contour_from_polygon, transforms
+from pfviz.vision.video import DEFAULT_FRAME_RATE, Box, Image
+
+WORKING_WIDTH = 320
+DEFAULT_MODEL = "contour+colour"
+MODELS = {
+    "contour": "the nearest edge along each normal of the outline (CONDENSATION)",
+    "colour": "the object's colours inside the outline, the background's just outside",
+    "contour+colour": "the product of the two, taken as independent",
+}
+_SMALLEST_WORKING_SIZE = 24.0
+_LARGEST_WORKING_WIDTH = 960
+
+
+@dataclass(frozen=True)
+class FrameFeatures:
+    """What the tracker sees of a frame, all at the working size.
+
+    Attributes:
+        edges: ``(h, w)``, 255 on edges.
+        ratio: ``(h + 2, w + 2)``, the colour ratio as ``pfviz.vision.colour.encode`` writes it, with a
+            neutral margin.
+        proposal: where the blob detector would look.
+    """
+
+    edges: NDArray[np.uint8]
+    ratio: NDArray[np.uint8]
+    proposal: GridProposal
+
+    @property
+    def nbytes(self) -> int:
+        return self.edges.nbytes + self.ratio.nbytes + self.proposal.nbytes
+
+
+@dataclass(frozen=True)
+class FeatureExtractor:
+    """From a frame to its features.
+
+    Attributes:
+        working_scale: pixels of the working image per pixel of the frame.
+        colours: of object and background.
+        detector: of blobs of the object's colour.
+        edge_threshold: Canny's upper threshold on the gradient; the lower one is 0.4 of it.
+    """
+
+    working_scale: float
+    colours: ColourRatio
+    detector: BlobDetector
+    edge_threshold: float
+
+    def __call__(self, image: Image) -> FrameFeatures:
+        working = working_image(image, self.working_scale)
+        ratio = self.colours.of(working)
+        edges = cv2.Canny(
+            *_gradients(working, ratio), 0.4 * self.edge_threshold, self.edge_threshold, L2gradient=True
+        )
+        padded = cv2.copyMakeBorder(ratio, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=CODE_ZERO)
+        return FrameFeatures(edges, padded, self.detector.detect(ratio))
+
+
+@dataclass(frozen=True, slots=True)
+class TrackEstimate:
+    """Where the object is, in frame pixels.
+
+    Attributes:
+        x: of its centre.
+        y: of its centre.
+        rotation: radians since the start.
+        scale: relative to the start.
+        box: ``(x, y, width, height)`` of its outline.
+    """
+
+    x: float
+    y: float
+    rotation: float
+    scale: float
+    box: Box
+
+    @property
+    def state(self) -> FloatArray:
+        """``(4,)``: as a state of the tracker."""
+        return np.array([self.x, self.y, self.rotation, np.log(self.scale)])
+
+
+@dataclass(frozen=True)
+class TrackerModel:
+    """A contour tracker: the experiment of the sources (section 3), for any object.
+
+    The state is ``(x, y, rotation, log_scale)``, of second order.
+
+    Attributes:
+        name: of the measurement, a key of ``MODELS``.
+        contour: the object's outline, in frame pixels.
+        size: width and height of the frame.
+        start: ``(4,)``, the state in which the outline was learnt.
+        dynamics: of the state.
+        prior_deviation: ``(2, 4)``, standard deviations of the first state and of its velocity.
+        extractor: of what is measured.
+        cues: the parts of the likelihood, taken as independent.
+        noise: the factors by which system, observation and proposal noise were multiplied.
+    """
+
+    name: str
+    contour: Contour
+    size: tuple[int, int]
+    start: FloatArray
+    dynamics: Autoregression
+    prior_deviation: FloatArray
+    extractor: FeatureExtractor
+    contour_likelihood: ContourLikelihood | None
+    colour_likelihood: ColourLikelihood | None
+
+    def observe(self, image: Image) -> FrameFeatures:
+        """The features of a BGR ``image`` of the model's size.
+
+        Raises:
+            ValueError: if the image has another size.
+        """
+        if image.shape[1::-1] != self.size:
+            raise ValueError(f"expected a frame of {self.size}, got {image.shape[1::-1]} (width, height)")
+        return self.extractor(image)
+
+    def log_likelihood(self, innovation: FloatArray, observation: FrameFeatures) -> FloatArray:
+        """``(N,)``: log p(y | x1) for ``innovation (N, 4)``, but for a constant of the frame."""
+        matrices = transforms(innovation, self.extractor.working_scale)
+        total = np.zeros(len(innovation))
+        if self.contour_likelihood is not None:
+            total += self.contour_likelihood.log_likelihood(matrices, observation.edges)
+        if self.colour_likelihood is not None:
+            total += self.colour_likelihood.log_likelihood(matrices, observation.ratio)
+        return total
+
+    def proposal(self, observation: FrameFeatures) -> GridProposal:
+        """The blob detector's answer for the frame: a density of x and y."""
+        return observation.proposal
+
+    def sample_prior(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """``(count, 2, 4)``: states of the frame before the start, which move on to about ``start``."""
+        position, velocity = rng.standard_normal((2, count, 4)) * self.prior_deviation[:, None]
+        previous = self.start + position - velocity
+        return np.stack([previous, previous - velocity], axis=1)
+
+    def with_noise(
+        self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0
+    ) -> TrackerModel:
+        """The same model with the standard deviations of its noises multiplied by these factors."""
+        contour, colour = self.contour_likelihood, self.colour_likelihood
+        detector = self.extractor.detector.widened(proposal)
+        return replace(
+            self,
+            dynamics=self.dynamics.with_noise(system),
+            contour_likelihood=contour and contour.with_noise(observation),
+            colour_likelihood=colour and colour.with_noise(observation),
+            extractor=replace(self.extractor, detector=detector),
+        )
+
+    def estimate(self, record: StepRecord) -> TrackEstimate:
+        """The mean of the posterior's dominant mode; see ``dominant_mean``."""
+        return self.estimate_of(dominant_mean(record.posterior, self.contour.size))
+
+    def estimate_of(self, state: FloatArray) -> TrackEstimate:
+        """A ``state (4,)`` in the terms that are reported."""
+        x, y, rotation, log_scale = (float(value) for value in state)
+        return TrackEstimate(x, y, rotation, float(np.exp(log_scale)), self.contour.bounding_box(state))
+
+
+def dominant_mean(particles: ParticleSet, reach: float) -> FloatArray:
+    """``(4,)``: the weighted mean of the particles about the heaviest place.
+
+    When two objects look alike the posterior has two modes, and its mean lies between them, where nothing is.
+    So the particles within ``reach`` pixels of the heaviest place are found by mean shift, from the heaviest
+    square of a grid, and only they are averaged. With one mode this is the mean.
+    """
+    positions, weights = particles.innovation[:, :2], particles.weights
+    centre = _heaviest_place(positions, weights, reach)
+    near = np.ones(len(weights), dtype=bool)
+    for _ in range(10):
+        now = np.sum((positions - centre) ** 2, axis=1) <= reach**2
+        if not now.any() or (now == near).all():
+            break
+        near = now
+        centre = np.average(positions[near], axis=0, weights=weights[near] + 1e-300)
+    return np.average(particles.innovation[near], axis=0, weights=weights[near] + 1e-300)
+
+
+def _heaviest_place(positions: FloatArray, weights: FloatArray, reach: float) -> FloatArray:
+    """``(2,)``: the mean of the particles in the heaviest square of side ``reach``."""
+    squares = np.floor((positions - positions.min(axis=0)) / reach).astype(int)
+    labels = squares[:, 0] * (squares[:, 1].max() + 1) + squares[:, 1]
+    _, labels = np.unique(labels, return_inverse=True)
+    heaviest = labels == np.argmax(np.bincount(labels, weights))
+    return np.average(positions[heaviest], axis=0, weights=weights[heaviest] + 1e-300)
+
+
+def working_image(image: Image, scale: float) -> Image:
+    """``image`` at the working size."""
+    if scale == 1.0:
+        return image
+    size = round(image.shape[1] * scale), round(image.shape[0] * scale)
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+
+
+def learn_tracker(
+    image: Image,
+    box: Box | None = None,
+    polygon: ArrayLike | None = None,
+    frame_rate: float = DEFAULT_FRAME_RATE,
+    model: str = DEFAULT_MODEL,
+    contour: tuple[Contour, FloatArray] | None = None,
+) -> TrackerModel:
+    """A tracker for the object in ``box`` (or inside ``polygon``) in one BGR ``image``.
+
+    Args:
+        image: the frame to learn from.
+        box: ``(x, y, width, height)`` about the object. Its outline is found by segmentation in the box, or,
+            where that is unclear, taken to be a rounded box.
+        polygon: ``(n, 2)``, the outline, clicked; used instead of the segmentation.
+        frame_rate: frames per second: at a lower rate more happens between two frames.
+        model: what is measured, a key of ``MODELS``.
+        contour: an outline and its centre that are already known.
+
+    Raises:
+        ValueError: if neither box nor polygon is given, or the box does not fit the frame.
+        UnknownName: if there is no such model.
+    """
+    find(MODELS, model, "model")
+    size = (image.shape[1], image.shape[0])
+    if box is not None and (problem := box_error(box, size)):
+        raise ValueError(problem)
+    contour, centre = contour or learn_contour(image, box, polygon)
+    scale = _working_scale(size, contour.size)
+    working = working_image(image, scale)
+    inside, near = _regions(contour, centre, scale, working.shape[:2])
+    colours = ColourRatio.learn(working, inside, near)
+    ratio = colours.of(working)
+    start = readonly([centre[0], centre[1], 0.0, 0.0])
+    detector = BlobDetector.learn(ratio, contour, centre, scale, size)
+    threshold = _edge_threshold(working, ratio, contour, start, scale)
+    dynamics = hand_held_motion(size, frame_rate)
+    search = int(np.clip(0.2 * contour.size * scale, 5, 14))
+    return TrackerModel(
+        name=model,
+        contour=contour,
+        size=size,
+        start=start,
+        dynamics=dynamics,
+        prior_deviation=_prior_deviation(dynamics, contour.size),
+        extractor=FeatureExtractor(scale, colours, detector, threshold),
+        contour_likelihood=ContourLikelihood(
+            contour.points, contour.normals, search, search / 3.0, 8.0 / contour.count
+        )
+        if "contour" in model
+        else None,
+        colour_likelihood=ColourLikelihood.around(contour, 4.0) if "colour" in model else None,
+    )
+
+
+def learn_contour(image: Image, box: Box | None, polygon: ArrayLike | None) -> tuple[Contour, FloatArray]:
+    """The outline of the object in ``box`` or inside ``polygon``, and its centre ``(2,)`` in the frame."""
+    if polygon is not None:
+        return contour_from_polygon(polygon)
+    if box is None:
+        raise ValueError("a box or an outline of the object is needed")
+    scale = min(1.0, 96.0 / np.sqrt(box[2] * box[3]))
+    x, y, w, h = box
+    mask = segment(working_image(image, scale), (x * scale, y * scale, w * scale, h * scale))
+    if mask is None:
+        return contour_from_box(w, h), np.array([x + w / 2, y + h / 2])
+    contour, centre = contour_from_mask(mask)
+    return Contour(contour.control_points / scale, contour.count), (centre + 0.5) / scale
+
+
+def hand_held_motion(size: tuple[int, int], frame_rate: float) -> Autoregression:
+    """Second-order dynamics of something that a hand moves: velocities that fade, driven by noise.
+
+    Position and rotation keep a part of their velocity; the logarithm of scale does too and is drawn back to
+    zero, its mean (the constrained process of Odobez' lecture). The deviation of the noise belongs to 30
+    frames per second and grows with the power 3/2 of the time between frames, as a velocity that walks at
+    random makes it.
+    """
+    interval = float(np.clip(DEFAULT_FRAME_RATE / frame_rate, 0.25, 4.0))
+    keep = np.array([0.9, 0.9, 0.8, 0.7]) ** interval
+    spring = np.array([0.0, 0.0, 0.0, 0.002])
+    diagonal = float(np.hypot(*size))
+    deviation = np.array([0.009 * diagonal, 0.009 * diagonal, 0.04, 0.015]) * interval**1.5
+    coefficients = np.stack([np.diag(1.0 + keep - spring), np.diag(-keep)])
+    return Autoregression(coefficients, np.diag(deviation**2))
+
+
+def _prior_deviation(dynamics: Autoregression, object_size: float) -> FloatArray:
+    noise = np.sqrt(np.diag(dynamics.noise_covariance))
+    return readonly([[0.02 * object_size, 0.02 * object_size, 0.03, 0.02], 1.5 * noise])
+
+
+def _working_scale(size: tuple[int, int], object_size: float) -> float:
+    """The working width is 320, or as much more as a small object needs to be 24 pixels across."""
+    scale = max(WORKING_WIDTH / size[0], _SMALLEST_WORKING_SIZE / object_size)
+    return min(1.0, scale, max(_LARGEST_WORKING_WIDTH, WORKING_WIDTH) / size[0])
+
+
+def _regions(
+    contour: Contour, centre: FloatArray, scale: float, shape: tuple[int, int]
+) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+    """``(h, w)`` each: the pixels well inside the outline, and those near it but outside."""
+
+    def filled(factor: float) -> NDArray[np.bool_]:
+        mask = np.zeros(shape, np.uint8)
+        polygon = (contour.outline() * factor + centre) * scale
+        cv2.fillPoly(mask, [np.rint(polygon * 16 - 8).astype(np.int32)], 1, shift=4)
+        return mask.astype(bool)
+
+    return filled(0.9), filled(2.0) & ~filled(1.1)
+
+
+def _gradients(working: Image, ratio: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
+    """``(h, w, 3)`` each: the horizontal and vertical derivatives of blurred lightness and colour ratio."""
+    grey = cv2.cvtColor(working, cv2.COLOR_BGR2GRAY)
+    channels = cv2.GaussianBlur(cv2.merge([grey, ratio, ratio]), (0, 0), 1.0)
+    dx = cv2.Sobel(channels, cv2.CV_16S, 1, 0)
+    dy = cv2.Sobel(channels, cv2.CV_16S, 0, 1)
+    return np.asarray(dx, dtype=np.int16), np.asarray(dy, dtype=np.int16)
+
+
+def _edge_threshold(
+    working: Image, ratio: NDArray[np.uint8], contour: Contour, start: FloatArray, scale: float
+) -> float:
+    """Half the typical gradient on the object's own outline: a weaker one is not an edge of it."""
+    dx, dy = _gradients(working, ratio)
+    magnitude = np.hypot(dx, dy).max(axis=2).astype(np.float32)
+    magnitude = cv2.dilate(magnitude, np.ones((3, 3), np.uint8))
+    at = (contour.outlines(start, factor=scale)[0] - 0.5).astype(np.float32)
+    on_outline = cv2.remap(magnitude, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)
+    return float(np.clip(0.5 * np.median(on_outline), 60.0, 400.0))
