@@ -1,8 +1,8 @@
 """Runs Python with a Chromium that works: `with_browser.py -m pytest ...`.
 
 The browser's path goes to the command in PFVIZ_CHROMIUM (empty: Playwright's own). Looked for in this order:
-that variable alone if it is set; a browser on the PATH or in the usual places; Playwright's own; Debian's package
-(as root); Playwright's download.
+that variable alone if it is set; a browser on the PATH or in the usual places; Playwright's own; Debian's
+package (as root); Playwright's download.
 """
 
 from __future__ import annotations
