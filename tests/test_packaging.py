@@ -96,7 +96,7 @@ def test_installed_wheel_runs_outside_the_checkout(wheel: Path, tmp_path: Path) 
     )
     where = "import sysconfig; print(sysconfig.get_path('purelib'))"
     site = Path(run(new_python, "-c", where, cwd=tmp_path).strip())
-    # Dependencies come from this environment; its editable install does not: a .pth reads no further .pth files.
+    # Dependencies come from this environment; its editable install does not: a .pth reads no further .pth.
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
 
     show = (
