@@ -126,8 +126,9 @@ def modules_loaded_by(module: str) -> set[str]:
     return set(json.loads(done.stdout))
 
 
-def test_importing_the_library_is_light() -> None:
-    loaded = modules_loaded_by("pfviz")
+@pytest.mark.parametrize("module", ["pfviz", "pfviz.filters", "pfviz.worlds", "pfviz.vision"])
+def test_importing_the_library_is_light(module: str) -> None:
+    loaded = modules_loaded_by(module)
     assert "pfviz" in loaded
     assert not loaded & {"viser", "matplotlib", "numba"}
 
