@@ -56,25 +56,26 @@ class Association:
         order = np.argsort(-row, kind="stable")[:count]
         return order, row[order]
 
-    def strongest_pairs(self, count: int, indices: IntArray | None = None) -> tuple[IntArray, IntArray, FloatArray]:
-        """The ``count`` most probable (innovation, history) pairs overall, with the probability of each in its row.
+    def strongest_pairs(
+        self, count: int, indices: IntArray | None = None
+    ) -> tuple[IntArray, IntArray, FloatArray]:
+        """The ``count`` pairs of innovation and history with the largest w_l p(u_i | x_l).
 
         Args:
             count: how many pairs at the most.
             indices: the innovations to look at; all of them by default.
 
         Returns:
-            Innovation indices, history indices and probabilities, strongest first.
+            Innovation indices, history indices and log w_l p(u_i | x_l), strongest first.
         """
         indices = np.arange(len(self.innovations)) if indices is None else indices
         log_joint = self.log_joint(indices)
-        log_joint = log_joint - np.logaddexp.reduce(log_joint, axis=1, keepdims=True)
         flat = log_joint.ravel()
         count = min(count, flat.size)
         top = np.argpartition(-flat, count - 1)[:count]
         top = top[np.argsort(-flat[top], kind="stable")]
         rows, columns = np.unravel_index(top, log_joint.shape)
-        return indices[rows], columns, np.exp(flat[top])
+        return indices[rows], columns, flat[top]
 
 
 @dataclass(frozen=True, slots=True)

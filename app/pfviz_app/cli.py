@@ -1,0 +1,197 @@
+"""The command line: ``pfviz serve``, ``toy``, ``track``, ``worlds``, ``filters``.
+
+Every error a user can make ends in one line on stderr, ``pfviz: error: ...``, and exit code 2.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import Any, NoReturn
+
+from pfviz.filters import FILTERS
+from pfviz.names import find
+from pfviz.worlds import WORLDS
+
+
+class _OneLineParser(argparse.ArgumentParser):
+    """A parser whose errors are one line, without the usage before it."""
+
+    def error(self, message: str) -> NoReturn:
+        fail(message.removeprefix("argument ").replace("\n", " "))
+
+
+def fail(message: str) -> NoReturn:
+    """Say what is wrong in one line and exit with code 2."""
+    print(f"pfviz: error: {message}", file=sys.stderr)
+    raise SystemExit(2)
+
+
+def whole_number(least: int, most: int) -> Callable[[str], int]:
+    """An option's type: a whole number between ``least`` and ``most``."""
+
+    def parse(text: str) -> int:
+        try:
+            value = int(text)
+        except ValueError:
+            value = least - 1
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"expected a whole number from {least} to {most}, got {text!r}")
+        return value
+
+    return parse
+
+
+def box(text: str) -> tuple[float, float, float, float]:
+    """An option's type: ``x,y,w,h`` in pixels, of positive size."""
+    try:
+        x, y, w, h = (float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"expected x,y,w,h in pixels, got {text!r}") from None
+    if not (abs(x) < 1e6 and abs(y) < 1e6 and 0 < w < 1e6 and 0 < h < 1e6):
+        raise argparse.ArgumentTypeError(f"expected x,y,w,h with a positive width and height, got {text!r}")
+    return x, y, w, h
+
+
+def known(table: dict[str, Any], kind: str) -> Callable[[str], str]:
+    """An option's type: a name in ``table``; the error suggests the nearest."""
+
+    def parse(text: str) -> str:
+        try:
+            find(table, text, kind)
+        except ValueError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+        return text
+
+    return parse
+
+
+particles = whole_number(1, 1_000_000)
+seed = whole_number(0, 2**63 - 1)
+
+
+def build_parser() -> argparse.ArgumentParser:
+    """The whole command line."""
+    parser = _OneLineParser(prog="pfviz", description="See inside particle filters.")
+    commands = parser.add_subparsers(dest="command", metavar="COMMAND", parser_class=_OneLineParser)
+    _add_serve(commands)
+    _add_toy(commands)
+    _add_track(commands)
+    for name, what in (("worlds", "the toy worlds"), ("filters", "the filters")):
+        command = commands.add_parser(name, help=f"list {what}")
+        command.add_argument("--json", action="store_true", help="as JSON Lines")
+    return parser
+
+
+def _add_filter_options(command: argparse.ArgumentParser, default_particles: int | None) -> None:
+    filter_name = known(FILTERS, "filter")
+    command.add_argument(
+        "--filter", type=filter_name, default="rb-ss-hs-sir", metavar="NAME", help="`pfviz filters`"
+    )
+    command.add_argument("--particles", type=particles, default=default_particles, metavar="N")
+    command.add_argument("--seed", type=seed, default=0, metavar="S")
+
+
+def _add_serve(commands: Any) -> None:
+    serve = commands.add_parser("serve", help="open the app in the browser (the default command)")
+    serve.add_argument(
+        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
+    )
+    serve.add_argument(
+        "--port", type=whole_number(1, 65535), default=None, help="default: 8080, or the next free one"
+    )
+    serve.add_argument(
+        "--world", type=known(WORLDS, "world"), default="figure-1", metavar="NAME", help="`pfviz worlds`"
+    )
+    serve.add_argument(
+        "--video", default="scene:twin", metavar="SOURCE", help="a file, camera:N or scene:NAME"
+    )
+    serve.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
+    serve.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F")
+    _add_filter_options(serve, None)
+    serve.add_argument("--no-browser", action="store_true", help="do not open a browser")
+
+
+def _add_toy(commands: Any) -> None:
+    toy = commands.add_parser("toy", help="run a filter on a toy world, as JSON Lines")
+    toy.add_argument("--world", type=known(WORLDS, "world"), default="linear-gaussian", metavar="NAME")
+    _add_filter_options(toy, 100)
+    toy.add_argument("--steps", type=whole_number(1, 1_000_000), default=20, metavar="T")
+    toy.add_argument(
+        "--repeat", type=whole_number(1, 1_000_000), default=1, metavar="R", help="seeds S, S+1, ..."
+    )
+    toy.add_argument("--json", action="store_true", help="JSON Lines on stdout instead of a table")
+
+
+def _add_track(commands: Any) -> None:
+    track = commands.add_parser("track", help="track an object in a video")
+    track.add_argument("source", metavar="SOURCE", help="a video file, camera:N or scene:NAME")
+    track.add_argument(
+        "--box", type=box, default=None, metavar="x,y,w,h", help="the object in the start frame, in pixels"
+    )
+    track.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F")
+    track.add_argument("--model", default=None, metavar="NAME", help="the measurement model")
+    _add_filter_options(track, 400)
+    track.add_argument("--csv", default=None, metavar="OUT.csv", help="one row a frame")
+    track.add_argument(
+        "--output", default=None, metavar="OUT.mp4", help="the video with the particles drawn on it"
+    )
+    track.add_argument("--json", action="store_true", help="JSON Lines on stdout, one a frame")
+
+
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Run the command line; ``pfviz`` alone is ``pfviz serve``."""
+    words = list(sys.argv[1:] if arguments is None else arguments)
+    parser = build_parser()
+    if not words or (words[0].startswith("-") and words[0] not in ("-h", "--help")):
+        words.insert(0, "serve")
+    options = parser.parse_args(words)
+    try:
+        _COMMANDS[options.command](options)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    except KeyboardInterrupt:
+        raise SystemExit(0 if options.command == "serve" else 130) from None
+    except (ValueError, OSError) as error:
+        fail(" ".join(str(error).split()))
+
+
+def _serve(options: argparse.Namespace) -> None:
+    from pfviz_app.server import serve
+
+    serve(options)
+
+
+def _toy(options: argparse.Namespace) -> None:
+    from pfviz_app.commands_toy import toy
+
+    toy(options)
+
+
+def _track(options: argparse.Namespace) -> None:
+    from pfviz_app.commands_track import track
+
+    track(options)
+
+
+def _worlds(options: argparse.Namespace) -> None:
+    from pfviz_app.listings import list_worlds
+
+    list_worlds(options.json)
+
+
+def _filters(options: argparse.Namespace) -> None:
+    from pfviz_app.listings import list_filters
+
+    list_filters(options.json)
+
+
+_COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
+    "serve": _serve,
+    "toy": _toy,
+    "track": _track,
+    "worlds": _worlds,
+    "filters": _filters,
+}

@@ -1,0 +1,94 @@
+"""``pfviz toy``: a filter on a toy world, as JSON Lines that carry all that is needed to check it."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import math
+from collections.abc import Iterator
+from importlib.metadata import version
+from typing import Any
+
+from pfviz.exact import Gaussian, KalmanStep
+from pfviz.filters import make_filter
+from pfviz.running import run
+from pfviz.worlds import ToyModel, World, get_world
+
+
+def toy(options: argparse.Namespace) -> None:
+    """Run the command and print its lines."""
+    world = get_world(options.world)
+    for seed in range(options.seed, options.seed + options.repeat):
+        extra = {"seed": seed} if options.repeat > 1 else {}
+        if options.json:
+            print(json.dumps(_header(world, options, seed)))
+        else:
+            print(f"# {world.title}: {options.filter}, {options.particles} particles, seed {seed}")
+        for line in _lines(world, options, seed):
+            print(json.dumps(line | extra) if options.json else _readable(line), flush=False)
+
+
+def _header(world: World, options: argparse.Namespace, seed: int) -> dict[str, Any]:
+    model = world.model
+    covariance = model.observation_covariance
+    return {
+        "pfviz": version("pfviz"),
+        "world": world.name,
+        "filter": options.filter,
+        "particles": options.particles,
+        "seed": seed,
+        "model": {
+            "coefficients": model.dynamics.coefficients.tolist(),
+            "mean": model.dynamics.mean.tolist(),  # type: ignore[union-attr]
+            "noise_covariance": model.dynamics.noise_covariance.tolist(),
+            "observation_covariance": None if covariance is None else covariance.tolist(),
+            "prior_mean": model.prior.mean.tolist(),
+            "prior_covariance": model.prior.covariance.tolist(),
+        },
+    }
+
+
+def _lines(world: World, options: argparse.Namespace, seed: int) -> Iterator[dict[str, Any]]:
+    recording = world.record(seed, options.steps)
+    filter_ = make_filter(options.filter, options.particles)
+    exact = _exact_steps(world.model, recording.observations)
+    records = run(filter_, world.model, recording.observations, seed)
+    for t, (record, truth, step) in enumerate(zip(records, recording.truth, exact, strict=True), start=1):
+        marginal = None if step is None else step.posterior.leading(world.model.dynamics.dimension)
+        yield {
+            "t": t,
+            "truth": truth.tolist(),
+            "observation": record.observation.tolist(),
+            "mean": record.estimate.tolist(),
+            "covariance": record.posterior.covariance.tolist(),
+            "exact_mean": None if marginal is None else marginal.mean.tolist(),
+            "exact_covariance": None if marginal is None else marginal.covariance.tolist(),
+            "ess": record.effective_sample_size,
+            "log_evidence": _finite(record.log_evidence),
+            "exact_log_evidence": None if step is None else step.log_evidence,
+            "condition": record.condition,
+        }
+
+
+def _exact_steps(model: ToyModel, observations: tuple[Any, ...]) -> Iterator[KalmanStep | None]:
+    state: Gaussian = model.prior
+    for observation in observations:
+        step = model.exact_step(state, observation)
+        if step is not None:
+            state = step.posterior
+        yield step
+
+
+def _finite(value: float | None) -> float | None:
+    """JSON has no infinity: an evidence of zero is given as null, with the condition "degenerate"."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def _readable(line: dict[str, Any]) -> str:
+    def numbers(values: list[float] | None) -> str:
+        return "-" if values is None else " ".join(f"{value:8.3f}" for value in values)
+
+    return (
+        f"t {line['t']:4d}  truth {numbers(line['truth'])}  mean {numbers(line['mean'])}  "
+        f"exact {numbers(line['exact_mean'])}  ESS {line['ess']:8.1f}"
+    )

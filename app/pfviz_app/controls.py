@@ -1,0 +1,150 @@
+"""The widgets: what a visitor does becomes a command, what the session decides is shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import fields
+from typing import Any
+
+import viser
+
+from pfviz_app.commands import Command, Play, Reset, Seek, Set, Step
+from pfviz_app.explanations import explanation, legend
+from pfviz_app.plots import Plots
+from pfviz_app.session import Picture
+from pfviz_app.settings import CONTROLS, Control, Settings
+
+Post = Callable[[Command], None]
+_BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
+
+
+class Controls:
+    """One visitor's docks: what to look for and the plots on the left, the controls on the right."""
+
+    def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post) -> None:
+        self._client, self._post = client, post
+        self._widgets: dict[str, Any] = {}
+        self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
+        self._explained: tuple[str, str, bool] | None = None
+        self._dark: bool | None = None
+        self._theme(settings.dark)
+        self._left_dock()
+        self._right_dock(settings)
+        self._shortcuts()
+
+    def show(self, picture: Picture) -> None:
+        """Bring the widgets in line with the session."""
+        s = picture.settings
+        if s.dark != self._dark:
+            self._theme(s.dark)
+        for field, widget in self._widgets.items():
+            value = self._shown(field, getattr(s, field))
+            if widget.value != value:
+                widget.value = value
+        label = "❚❚ Pause" if picture.playing else "▶ Play"
+        if self._play.label != label:
+            self._play.label = label
+        self._show_time(picture)
+        status = picture.message or ("Playing" if picture.playing else "Paused")
+        status = f"**{status}**" if picture.message else status
+        if self._status.content != status:
+            self._status.content = status
+        self._explain(s)
+        self._plots.draw(picture)
+
+    def _show_time(self, picture: Picture) -> None:
+        most = max(picture.last, 1)
+        if self._time.max != most:
+            self._time.max = most
+        if self._time.value != picture.t:
+            self._time.value = picture.t
+
+    def _explain(self, s: Settings) -> None:
+        key = (s.filter, s.world, s.dark)
+        if key != self._explained:
+            self._explained = key
+            self._text.content = explanation(s.filter, s.world)
+            self._legend.content = legend(s.dark)
+
+    def _theme(self, dark: bool) -> None:
+        self._dark = dark
+        self._client.gui.configure_theme(
+            dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
+        )
+
+    def _left_dock(self) -> None:
+        gui = self._client.gui
+        text = gui.add_panel(order=1)
+        with text.add_tab("What to look for"):
+            self._text = gui.add_markdown("")
+        with text.add_tab("Colours"):
+            self._legend = gui.add_html("")
+        text.dock_left()
+        text.set_width(290)
+        plots = gui.add_panel(order=2)
+        with plots.add_tab("Over time"):
+            self._plots = Plots(self._client)
+        plots.dock_below(text)
+
+    def _right_dock(self, settings: Settings) -> None:
+        gui = self._client.gui
+        gui.set_panel_label("pfviz")
+        gui.main_panel.dock_right()
+        gui.main_panel.set_width(330)
+        self._play = gui.add_button("▶ Play", hint="Space", color=(0, 114, 178))
+        self._play.on_click(lambda _: self._post(Play()))
+        moves = gui.add_button_group("", (_BACK, _STEP, _RESET))
+        commands: dict[str, Command] = {_BACK: Step(-1), _STEP: Step(1), _RESET: Reset()}
+        moves.on_click(lambda _: self._post(commands[moves.value]))
+        self._time = gui.add_slider(
+            "Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far"
+        )
+        self._time.on_update(lambda event: self._post(Seek(self._time.value)) if event.client else None)
+        self._status = gui.add_markdown("Paused")
+        folded = [control for control in CONTROLS.values() if control.folded]
+        for control in CONTROLS.values():
+            if not control.folded:
+                self._add(control, settings)
+        with gui.add_folder("More", expand_by_default=False):
+            for control in folded:
+                self._add(control, settings)
+
+    def _add(self, control: Control, settings: Settings) -> None:
+        gui, field = self._client.gui, control.field
+        value = self._shown(field, getattr(settings, field))
+        if control.kind == "choice":
+            labels = [label for _, label in control.choices]
+            widget: Any = gui.add_dropdown(control.label, labels, initial_value=value, hint=control.hint)
+        elif control.kind == "switch":
+            widget = gui.add_checkbox(control.label, value, hint=control.hint)
+        else:
+            whole = control.step >= 1
+            low, high, step = (int(v) if whole else v for v in (control.low, control.high, control.step))
+            widget = gui.add_slider(control.label, low, high, step, value, hint=control.hint)
+        self._widgets[field] = widget
+        widget.on_update(lambda event: self._changed(field, event))
+
+    def _changed(self, field: str, event: Any) -> None:
+        """Pass on what a person did; our own updates come without a client."""
+        if event.client is not None:
+            self._post(Set(field, self._meant(field, self._widgets[field].value)))
+
+    def _shown(self, field: str, value: Any) -> Any:
+        return self._labels[field].get(value, value)
+
+    def _meant(self, field: str, shown: Any) -> Any:
+        return next((name for name, label in self._labels[field].items() if label == shown), shown)
+
+    def _shortcuts(self) -> None:
+        keys: tuple[tuple[str, Any, Command], ...] = (
+            ("Play or pause", "space", Play()),
+            ("Step", "arrowright", Step(1)),
+            ("Step back", "arrowleft", Step(-1)),
+            ("Reset", "r", Reset()),
+        )
+        for label, key, command in keys:
+            handle = self._client.gui.add_command(label, hotkey=key)
+            handle.on_trigger(lambda _, command=command: self._post(command))
+
+
+assert {f.name for f in fields(Settings)} == set(CONTROLS), "every setting has a control"

@@ -1,0 +1,98 @@
+"""A room: one filter on one film, recorded. Knows nothing of screens or threads."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from time import perf_counter
+from typing import Generic, TypeVar
+
+import numpy as np
+
+from pfviz.filters import make_filter
+from pfviz.model import Model
+from pfviz.particles import ParticleSet
+from pfviz.randomness import Streams, step_rng
+from pfviz.record import StepRecord, Trace
+from pfviz.resampling import RESAMPLERS
+from pfviz_app.films import Film
+
+F = TypeVar("F", bound=Film)
+_TRACE_BYTES = 128 * 2**20
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What is kept of a step beside its record.
+
+    Attributes:
+        filter_name: of the filter that ran.
+        model: that the filter believed in.
+        error: distance of the estimate from the truth; NaN where the truth is not known.
+        milliseconds: what the step took, observation included.
+    """
+
+    filter_name: str
+    model: Model
+    error: float
+    milliseconds: float
+
+
+class Room(Generic[F]):
+    """A film, the filter and model that are run on it, and the trace of what they did."""
+
+    def __init__(self, film: F, filter_name: str, model: Model, n_particles: int, seed: int) -> None:
+        self.film = film
+        self._seed = seed
+        self._outcomes: list[Outcome] = []
+        self.configure(filter_name, model, n_particles)
+        self.trace = Trace(self._filter.initial(step_rng(seed, 0), model), _TRACE_BYTES)
+
+    def configure(self, filter_name: str, model: Model, n_particles: int) -> None:
+        """Use another filter or model from the next step on."""
+        self._filter_name, self._filter = filter_name, make_filter(filter_name, n_particles)
+        self._model, self._n_particles = model, n_particles
+
+    def step(self) -> StepRecord:
+        """Run the filter on the next observation and record it.
+
+        Raises:
+            EndOfVideo: when the film is over.
+        """
+        t = self.trace.last + 1
+        particles = self._resized(self.trace.particles, t)
+        began = perf_counter()
+        observation = self.film.observe(t, self._model)
+        record = self._filter.step(step_rng(self._seed, t), self._model, particles, observation)
+        elapsed = 1000.0 * (perf_counter() - began)
+        self.trace.append(record)
+        self._outcomes.append(Outcome(self._filter_name, self._model, self.film.error(t, record), elapsed))
+        return record
+
+    def outcome(self, t: int) -> Outcome:
+        """What is known of the step at time ``t`` beside its record."""
+        return self._outcomes[t - 1]
+
+    def rewind(self, t: int) -> None:
+        """Forget what came after time ``t``."""
+        self.trace.truncate(t)
+        del self._outcomes[t:]
+
+    def _resized(self, particles: ParticleSet, t: int) -> ParticleSet:
+        """As many particles as are wanted now, drawn from those there are."""
+        if len(particles) == self._n_particles:
+            return particles
+        rng = Streams(step_rng(self._seed, t)).of("choose")
+        return particles.take(RESAMPLERS["systematic"](rng, particles.weights, self._n_particles))
+
+    @property
+    def times(self) -> np.ndarray:
+        """The times recorded, as the x-axis of a plot."""
+        return np.arange(self.trace.first, self.trace.last + 1, dtype=float)
+
+    @property
+    def errors(self) -> np.ndarray:
+        return np.array([outcome.error for outcome in self._outcomes[self.trace.first - 1 :]])
+
+    @property
+    def effective_sample_sizes(self) -> np.ndarray:
+        return np.array([record.effective_sample_size for record in self.trace])

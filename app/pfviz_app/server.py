@@ -1,0 +1,165 @@
+"""``pfviz serve``: one server, one session for every visitor."""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import io
+import logging
+import socket
+import threading
+import webbrowser
+from functools import partial
+
+import viser
+
+from pfviz import kernels
+from pfviz.vision.tracker import learn_tracker
+from pfviz.vision.video import VideoError, open_source, suggested_box
+from pfviz.worlds import get_world
+from pfviz_app.commands import Resize
+from pfviz_app.controls import Controls
+from pfviz_app.films import VideoSetup
+from pfviz_app.session import Picture, Session
+from pfviz_app.settings import Settings
+from pfviz_app.stage.stage import Stage
+
+log = logging.getLogger(__name__)
+_DEFAULT_PORT = 8080
+_PORTS_TRIED = 50
+
+
+class Visitor:
+    """A visitor's screen and session; satisfies ``View``."""
+
+    def __init__(self, client: viser.ClientHandle, settings: Settings, video: VideoSetup) -> None:
+        self._stage = Stage(client)
+        self._stage.resize(client.camera.image_width, client.camera.image_height)
+        self.session = Session(settings, video, self)
+        self._controls = Controls(client, settings, self.session.post)
+        client.camera.on_update(self._resized)
+        self.session.start()
+
+    def draw(self, picture: Picture) -> None:
+        self._stage.draw(picture)
+        self._controls.show(picture)
+
+    def resize(self, width: int, height: int) -> None:
+        self._stage.resize(width, height)
+
+    def _resized(self, camera: viser.CameraHandle) -> None:
+        self.session.post(Resize(camera.image_width, camera.image_height))
+
+
+class App:
+    """The server and its visitors."""
+
+    def __init__(self, host: str, port: int, settings: Settings, video: VideoSetup) -> None:
+        self._settings, self._video = settings, video
+        self._visitors: dict[int, Visitor] = {}
+        self._lock = threading.Lock()
+        with contextlib.redirect_stdout(io.StringIO()):
+            self.server = viser.ViserServer(host=host, port=port, label="pfviz", verbose=False)
+        self.server.on_client_connect(self._enter)
+        self.server.on_client_disconnect(self._leave)
+
+    @property
+    def sessions(self) -> list[Session]:
+        with self._lock:
+            return [visitor.session for visitor in self._visitors.values()]
+
+    def _enter(self, client: viser.ClientHandle) -> None:
+        visitor = Visitor(client, self._settings, self._video)
+        with self._lock:
+            self._visitors[client.client_id] = visitor
+
+    def _leave(self, client: viser.ClientHandle) -> None:
+        with self._lock:
+            visitor = self._visitors.pop(client.client_id, None)
+        if visitor is not None:
+            visitor.session.close()
+
+    def stop(self) -> None:
+        """Close every session and the server."""
+        for session in self.sessions:
+            session.close()
+        self.server.stop()
+
+
+def serve(options: argparse.Namespace) -> None:
+    """Run the app until it is interrupted.
+
+    Raises:
+        ValueError: if the video or the box cannot be used, or the port is taken.
+    """
+    video = prepare_video(options.video, options.box, options.start_frame)
+    port = _free_port(options.host, options.port)
+    settings = _settings(options)
+    threading.Thread(target=kernels.warm_up, name="pfviz-compile", daemon=True).start()
+    app = App(options.host, port, settings, video)
+    url = f"http://{'localhost' if options.host in ('127.0.0.1', '0.0.0.0') else options.host}:{port}"
+    print(f"pfviz is running at {url} (Ctrl-C stops it)", flush=True)
+    if not options.no_browser:
+        threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
+    try:
+        threading.Event().wait()
+    finally:
+        app.stop()
+
+
+def prepare_video(source: str, box: tuple[float, float, float, float] | None, start_frame: int) -> VideoSetup:
+    """Open the video once, learn the object in its box, and keep what visitors need.
+
+    Raises:
+        ValueError: if the video cannot be read, has no such frame, or the box is missing or outside the frame.
+    """
+    with open_source(source) as video:
+        try:
+            image = video.read(start_frame)
+        except IndexError:
+            raise VideoError(
+                f"--start-frame {start_frame}: {video.name} has {video.frame_count} frames"
+            ) from None
+        box = box or suggested_box(video, start_frame)
+        if box is None:
+            raise VideoError(
+                f"{video.name}: where is the object? Give --box x,y,w,h in pixels of frame {start_frame}"
+            )
+        model = learn_tracker(image, box, frame_rate=video.frame_rate)
+        title = f"Video: {video.name}"
+    return VideoSetup(partial(open_source, source), model, start_frame, title)
+
+
+def _settings(options: argparse.Namespace) -> Settings:
+    settings = Settings().with_value("world", options.world).with_value("filter", options.filter)
+    settings = settings.with_value("toy_particles", get_world(options.world).n_particles)
+    settings = settings.with_value("seed", options.seed)
+    if options.particles is not None:
+        for field in ("toy_particles", "tracker_particles"):
+            settings = settings.with_value(field, options.particles)
+    return settings
+
+
+def _free_port(host: str, port: int | None) -> int:
+    """The port asked for if it is free; without one, the first free one from 8080 on, said aloud."""
+    if port is not None:
+        if not _is_free(host, port):
+            raise ValueError(f"--port {port}: already in use on {host}; choose another one")
+        return port
+    for candidate in range(_DEFAULT_PORT, _DEFAULT_PORT + _PORTS_TRIED):
+        if _is_free(host, candidate):
+            if candidate != _DEFAULT_PORT:
+                print(f"pfviz: port {_DEFAULT_PORT} is in use, so it is {candidate} instead", flush=True)
+            return candidate
+    raise ValueError(f"no free port from {_DEFAULT_PORT} to {_DEFAULT_PORT + _PORTS_TRIED - 1} on {host}")
+
+
+def _is_free(host: str, port: int) -> bool:
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError:
+            return False
+    return True

@@ -1,0 +1,151 @@
+"""Everything a visitor can set: one frozen record, and one table with each control's range and text."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields, replace
+from typing import Any, Literal
+
+from pfviz.filters import FILTERS
+from pfviz.worlds import WORLDS
+
+Pane = Literal["both", "toy", "tracker"]
+
+
+@dataclass(frozen=True, slots=True)
+class Settings:
+    """What a visitor has set. Noises are factors on standard deviations, as the filters believe them."""
+
+    world: str = "figure-1"
+    filter: str = "rb-ss-hs-sir"
+    toy_particles: int = 24
+    tracker_particles: int = 400
+    system: float = 1.0
+    observation: float = 1.0
+    proposal: float = 1.0
+    seed: int = 0
+    speed: float = 4.0
+    pane: Pane = "both"
+    arrows: int = 160
+    truth: bool = True
+    exact: bool = True
+    dark: bool = False
+
+    def with_value(self, field: str, value: Any) -> Settings:
+        """The settings with one of them changed.
+
+        Raises:
+            ValueError: naming the control, the value and what was expected.
+        """
+        if field not in {f.name for f in fields(self)}:
+            raise ValueError(f"unknown setting {field!r}")
+        control = CONTROLS.get(field)
+        return replace(self, **{field: control.checked(value) if control else value})
+
+
+@dataclass(frozen=True, slots=True)
+class Control:
+    """How one setting is offered.
+
+    Attributes:
+        field: the setting.
+        label: on the screen.
+        hint: shown when the pointer rests on it.
+        kind: "choice", "slider" or "switch".
+        low: of a slider.
+        high: of a slider.
+        step: of a slider; a whole number makes the setting one.
+        choices: of a choice, value and label.
+        folded: whether it is kept in the folded part.
+    """
+
+    field: str
+    label: str
+    hint: str
+    kind: Literal["choice", "slider", "switch"]
+    low: float = 0.0
+    high: float = 1.0
+    step: float = 1.0
+    choices: tuple[tuple[str, str], ...] = ()
+    folded: bool = False
+
+    def checked(self, value: Any) -> Any:
+        """``value`` as the setting needs it, rounded to the slider's type.
+
+        Raises:
+            ValueError: if it is out of range or not a choice.
+        """
+        if self.kind == "switch":
+            return bool(value)
+        if self.kind == "choice":
+            names = [name for name, _ in self.choices]
+            if value not in names:
+                raise ValueError(f"{self.label}: expected one of {', '.join(names)}, got {value!r}")
+            return value
+        try:
+            number = float(value)
+        except (TypeError, ValueError):
+            raise ValueError(f"{self.label}: expected a number, got {value!r}") from None
+        if not self.low <= number <= self.high:
+            raise ValueError(f"{self.label}: expected {self.low:g} to {self.high:g}, got {value!r}")
+        return round(number) if self.step >= 1 else number
+
+
+def _choices(infos: Any) -> tuple[tuple[str, str], ...]:
+    return tuple((info.name, info.title) for info in infos)
+
+
+_CONTROLS = (
+    Control("filter", "Filter", "Runs in both rooms", "choice", choices=_choices(FILTERS.values())),
+    Control("world", "Toy world", "The world on the left", "choice", choices=_choices(WORLDS.values())),
+    Control("toy_particles", "Particles, toy", "How many hypotheses in the toy", "slider", 1, 1000),
+    Control("tracker_particles", "Particles, video", "How many hypotheses in the tracker", "slider", 1, 2000),
+    Control(
+        "system",
+        "System noise ×",
+        "How much the filter believes the state to move at random",
+        "slider",
+        0.1,
+        4,
+        0.05,
+    ),
+    Control(
+        "observation",
+        "Obs. noise ×",
+        "How vague the filter believes what it sees to be",
+        "slider",
+        0.1,
+        4,
+        0.05,
+    ),
+    Control(
+        "proposal",
+        "Proposal width ×",
+        "How widely the detector scatters its proposals",
+        "slider",
+        0.1,
+        4,
+        0.05,
+    ),
+    Control("speed", "Steps per second", "While playing", "slider", 0.5, 30, 0.5),
+    Control("seed", "Seed", "Equal seeds, equal films", "slider", 0, 999),
+    Control(
+        "pane",
+        "Show",
+        "Which room",
+        "choice",
+        choices=(("both", "both rooms"), ("toy", "the toy"), ("tracker", "the video")),
+    ),
+    Control(
+        "arrows",
+        "Arrows",
+        "How many associations to draw, the most probable first",
+        "slider",
+        0,
+        600,
+        folded=True,
+    ),
+    Control("truth", "Show the truth", "Where it is known", "switch", folded=True),
+    Control("exact", "Show the exact posterior", "Where it is known", "switch", folded=True),
+    Control("dark", "Dark", "Light on dark", "switch", folded=True),
+)
+CONTROLS: dict[str, Control] = {control.field: control for control in _CONTROLS}

@@ -1,0 +1,1 @@
+"""The drawings: pixels in, viser scene nodes out."""

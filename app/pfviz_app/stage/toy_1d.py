@@ -1,0 +1,213 @@
+"""The one-dimensional toy, after Figures 1 and 2 of the sources: one iteration, read from top to bottom."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pfviz.exact import KalmanStep
+from pfviz.particles import FloatArray, ParticleSet
+from pfviz.record import StepRecord
+from pfviz.worlds import ToyModel
+from pfviz_app.session import Picture
+from pfviz_app.stage.board import Board, arrow_heads
+from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.links import made_links, possible_links, sample_evenly
+from pfviz_app.stage.palette import Palette
+
+_MOST_LINES = 250
+_MOST_POINTS = 2000
+_ROWS = {
+    "older": 0.00,
+    "newer": 0.10,
+    "proposed": 0.40,
+    "proposal": 0.50,
+    "likelihood": 0.60,
+    "history": 0.68,
+    "state": 0.80,
+    "posterior": 0.97,
+}
+_CURVE = 0.075
+
+
+class Toy1d:
+    """Draws one step of a one-dimensional world into a rectangle."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._plot = Rect(0, 0, 1, 1)
+        self._extent = 1.0
+
+    def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
+        film = picture.toy.film
+        gutter = 84 if rect.width > 330 else 8
+        self._plot, self._extent = rect.inset(gutter, 14, 6, 6), film.world.extent
+        if picture.t == 0:
+            self._start(picture.toy.trace.initial, palette)
+            return
+        record = picture.toy.trace[picture.t]
+        model = picture.toy.outcome(picture.t).model
+        assert isinstance(model, ToyModel)
+        self._before(record.previous, palette)
+        self._associations(record, picture.settings.arrows, palette)
+        self._proposed(record, model, palette)
+        self._likelihood(record, model, palette)
+        self._after(record, palette)
+        exact = film.exact(picture.t) if picture.settings.exact else None
+        self._posterior(record.posterior, exact, palette)
+        if picture.settings.truth:
+            self._truth(float(film.truth(picture.t)[0]), palette)
+
+    def _x(self, values: FloatArray) -> FloatArray:
+        """Pixels of values of the world; what lies outside the picture is drawn at its edge."""
+        inside = np.clip(values / self._extent, -1.0, 1.0)
+        return self._plot.x + self._plot.width * (0.5 + 0.5 * inside)
+
+    def _y(self, row: str) -> float:
+        return self._plot.y + self._plot.height * _ROWS[row]
+
+    def _at(self, values: FloatArray, row: str) -> FloatArray:
+        """``(n, 2)``: points in a row."""
+        return np.stack([self._x(values), np.full(len(values), self._y(row))], axis=1)
+
+    def _between(self, upper: FloatArray, upper_row: str, lower: FloatArray, lower_row: str) -> FloatArray:
+        """``(n, 2, 2)``: lines from row to row."""
+        return np.stack([self._at(upper, upper_row), self._at(lower, lower_row)], axis=1)
+
+    def _line(self, row: str, text: str, palette: Palette) -> None:
+        y = self._y(row)
+        ends = [[[self._plot.x, y], [self._plot.right, y]]]
+        self._board.segments(f"toy/line/{row}", ends, palette.faint, 1.0, -6.0)
+        left = self._plot.x - 84 if self._plot.x >= 84 else self._plot.x
+        self._board.text(
+            f"toy/label/{row}", text, left, y, "center-left" if self._plot.x >= 84 else "bottom-left"
+        )
+
+    def _start(self, particles: ParticleSet, palette: Palette) -> None:
+        self._before(particles, palette)
+        x, y = self._plot.x + self._plot.width / 2, self._y("proposed")
+        self._board.text("toy/hint", "the prior at t = 0: press Play or Step", x, y, "center-center", 1.1)
+
+    def _before(self, particles: ParticleSet, palette: Palette) -> None:
+        strengths = _relative(particles.weights)
+        newer = particles.states[:, 0, 0]
+        self._line("newer", "state qₜ", palette)
+        if particles.order > 1:
+            older = particles.states[:, 1, 0]
+            self._line("older", "history qₜ₋₁", palette)
+            some = sample_evenly(len(particles), _MOST_LINES)
+            lines = self._between(older[some], "older", newer[some], "newer")
+            self._board.weighted_segments("toy/pairs", lines, strengths[some], palette.history, -3.0)
+            self._dots("toy/older", older, strengths, "older", palette.history)
+        self._dots("toy/newer", newer, strengths, "newer", palette.history)
+
+    def _dots(
+        self, name: str, values: FloatArray, strengths: FloatArray, row: str, colour: tuple[int, int, int]
+    ) -> None:
+        some = sample_evenly(len(values), _MOST_POINTS)
+        size = float(np.clip(12.0 - 2.0 * np.log10(len(values) / 24.0), 6.0, 12.0))
+        self._board.weighted_points(name, self._at(values[some], row), strengths[some], colour, size, 4.0)
+
+    def _associations(self, record: StepRecord, count: int, palette: Palette) -> None:
+        proposed = _proposed_values(record)
+        before = record.previous.states[:, 0, 0]
+        possible = possible_links(record, count)
+        if len(possible.sources):
+            lines = self._between(before[possible.sources], "newer", proposed[possible.targets], "proposed")
+            self._board.weighted_segments("toy/possible", lines, possible.strengths, palette.faint, -5.0)
+        made = made_links(record, min(count, _MOST_LINES))
+        if len(made.sources):
+            lines = self._between(before[made.sources], "newer", proposed[made.targets], "proposed")
+            self._board.weighted_segments(
+                "toy/made", lines, made.strengths, palette.proposal, 0.0, weakest=palette.faint
+            )
+            if len(lines) <= 60:
+                self._board.segments("toy/heads", arrow_heads(lines), palette.proposal, 1.2, 0.5)
+
+    def _proposed(self, record: StepRecord, model: ToyModel, palette: Palette) -> None:
+        values = _proposed_values(record)
+        self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
+        if record.stage("propose") is None:
+            self._line("proposed", "x ~ p(x|qₜ)", palette)
+            return
+        self._line("proposed", "innovation u", palette)
+        self._line("proposal", "π(u|y)", palette)
+        density = np.exp(model.proposal(record.observation).log_density(self._grid[:, None]))
+        self._curve("toy/proposal", density / density.max(), "proposal", palette.proposal)
+
+    def _likelihood(self, record: StepRecord, model: ToyModel, palette: Palette) -> None:
+        self._line("likelihood", "p(y|u)", palette)
+        log_likelihood = model.log_likelihood(self._grid[:, None], record.observation)
+        self._curve(
+            "toy/likelihood", np.exp(log_likelihood - log_likelihood.max()), "likelihood", palette.likelihood
+        )
+        seen = np.atleast_1d(record.observation).ravel()
+        x, y = self._x(seen), self._y("likelihood")
+        ticks = np.stack(
+            [np.stack([x, np.full(len(x), y - 5)], 1), np.stack([x, np.full(len(x), y + 5)], 1)], axis=1
+        )
+        self._board.segments("toy/observation", ticks, palette.likelihood, 3.0, 2.0)
+
+    def _after(self, record: StepRecord, palette: Palette) -> None:
+        stage = record.stage("weight")
+        particles = stage.particles if stage else record.posterior
+        histories = stage.histories if stage and stage.histories is not None else record.histories
+        strengths = _relative(particles.weights)
+        older = record.previous.states[np.maximum(histories, 0), 0, 0]
+        newer = particles.states[:, 0, 0]
+        self._line("history", "history qₜ", palette)
+        self._line("state", "state qₜ₊₁", palette)
+        some = sample_evenly(len(particles), _MOST_LINES)
+        lines = self._between(older[some], "history", newer[some], "state")
+        self._board.weighted_segments("toy/new", lines, strengths[some], palette.posterior, 0.0)
+        self._dots("toy/history", older, strengths, "history", palette.posterior)
+        self._dots("toy/state", newer, strengths, "state", palette.posterior)
+
+    def _posterior(self, particles: ParticleSet, exact: KalmanStep | None, palette: Palette) -> None:
+        self._line("posterior", "posterior", palette)
+        smoothed = smoothed_density(particles, self._grid)
+        curves = [("toy/posterior", smoothed, palette.posterior)]
+        if exact is not None:
+            density = np.exp(exact.posterior.leading(1).log_density(self._grid[:, None]))
+            curves.append(("toy/exact", density, palette.exact))
+        peak = max(float(curve.max()) for _, curve, _ in curves)
+        for name, curve, colour in curves:
+            self._curve(name, curve / max(peak, 1e-300), "posterior", colour, 0.13)
+        self._tick("toy/estimate", float(particles.mean[0]), "posterior", palette.posterior, 9)
+
+    def _truth(self, value: float, palette: Palette) -> None:
+        self._tick("toy/truth/state", value, "state", palette.truth, 9)
+        self._tick("toy/truth", value, "posterior", palette.truth, 13)
+
+    def _tick(self, name: str, value: float, row: str, colour: tuple[int, int, int], reach: float) -> None:
+        x, y = float(self._x(np.array([value]))[0]), self._y(row)
+        self._board.segments(name, [[[x, y - reach], [x, y + reach]]], colour, 3.5, 8.0)
+
+    @property
+    def _grid(self) -> FloatArray:
+        return np.linspace(-self._extent, self._extent, 161)
+
+    def _curve(
+        self, name: str, heights: FloatArray, row: str, colour: tuple[int, int, int], reach: float = _CURVE
+    ) -> None:
+        """A curve of ``heights`` from 0 to 1 that stands on a row."""
+        y = self._y(row) - self._plot.height * reach * heights
+        self._board.polyline(name, np.stack([self._x(self._grid), y], axis=1), colour, 2.2, 1.0)
+
+
+def smoothed_density(particles: ParticleSet, grid: FloatArray) -> FloatArray:
+    """``(len(grid),)``: a kernel estimate of the density of one-dimensional particles, by Silverman's rule."""
+    values, weights = particles.states[:, 0, 0], particles.weights
+    deviation = float(np.sqrt(particles.covariance[0, 0]))
+    spacing = float(grid[1] - grid[0])
+    width = max(1.06 * deviation * particles.effective_sample_size**-0.2, spacing)
+    kernel = np.exp(-0.5 * ((grid[:, None] - values) / width) ** 2) / (width * np.sqrt(2.0 * np.pi))
+    return kernel @ weights
+
+
+def _proposed_values(record: StepRecord) -> FloatArray:
+    stage = record.stage("propose") or record.stage("predict")
+    return (stage.particles if stage else record.posterior).states[:, 0, 0]
+
+
+def _relative(weights: FloatArray) -> FloatArray:
+    return weights / weights.max()

@@ -1,0 +1,154 @@
+"""The two-dimensional toy: the rows of the one-dimensional one as floors of a house, with arrows from floor to floor.
+
+The floors are real planes, tilted: orbit the camera and look at them from the side.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from pfviz.exact import Gaussian
+from pfviz.particles import FloatArray, ParticleSet
+from pfviz.record import StepRecord
+from pfviz.worlds import ToyModel
+from pfviz_app.session import Picture
+from pfviz_app.stage.board import Board, arrow_heads
+from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.links import made_links, possible_links, sample_evenly
+from pfviz_app.stage.palette import Palette, Rgb
+
+_MOST_LINES = 250
+_MOST_POINTS = 2000
+_TILT = np.deg2rad(34.0)
+_FLOORS = {"before": 0.16, "proposed": 0.50, "after": 0.84}
+_CIRCLE = np.stack([np.cos(np.linspace(0, 2 * np.pi, 41)), np.sin(np.linspace(0, 2 * np.pi, 41))], axis=1)
+
+
+class Toy2d:
+    """Draws one step of a two-dimensional world into a rectangle."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._plot = Rect(0, 0, 1, 1)
+        self._unit = 1.0
+
+    def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
+        film = picture.toy.film
+        self._plot = rect.inset(6, 10, 6, 6)
+        across = self._plot.width / (2.0 * film.world.extent)
+        floor = 0.30 * self._plot.height / (2.0 * film.world.extent * np.sin(_TILT))
+        self._unit = min(across, floor)
+        if picture.t == 0:
+            self._before(picture.toy.trace.initial, film.world.extent, palette)
+            self._board.text(
+                "toy/hint", "the prior at t = 0: press Play or Step", *self._plot.centre, "center-center", 1.1
+            )
+            return
+        record = picture.toy.trace[picture.t]
+        model = picture.toy.outcome(picture.t).model
+        assert isinstance(model, ToyModel)
+        self._before(record.previous, film.world.extent, palette)
+        self._proposed(record, model, film.world.extent, palette)
+        self._associations(record, picture.settings.arrows, palette)
+        self._after(record, film.world.extent, palette)
+        if picture.settings.truth:
+            self._truth(film.truth(picture.t), palette)
+
+    def _at(self, values: FloatArray, floor: str) -> FloatArray:
+        """``(..., 3)``: pixels and depth of points ``(..., 2)`` of the world on a floor."""
+        x = self._plot.centre[0] + self._unit * values[..., 0]
+        rise = self._unit * values[..., 1]
+        y = self._plot.y + self._plot.height * _FLOORS[floor] - rise * np.sin(_TILT)
+        return np.stack([x, y, -rise * np.cos(_TILT)], axis=-1)
+
+    def _floor(self, floor: str, text: str, extent: float, palette: Palette) -> None:
+        corners = extent * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+        placed = self._at(corners, floor)
+        self._board.polyline(f"toy/floor/{floor}", placed, palette.faint, 1.2, -4.0, closed=True)
+        self._board.text(f"toy/label/{floor}", text, placed[3, 0], placed[3, 1] - 2, "bottom-left")
+
+    def _before(self, particles: ParticleSet, extent: float, palette: Palette) -> None:
+        self._floor("before", "states qₜ, with their histories qₜ₋₁", extent, palette)
+        self._set(
+            "toy/before",
+            particles,
+            particles.states[:, min(1, particles.order - 1)],
+            "before",
+            palette.history,
+        )
+
+    def _set(self, name: str, particles: ParticleSet, older: FloatArray, floor: str, colour: Rgb) -> None:
+        """Particles on a floor, each with a tail from where it was a step ago."""
+        strengths = particles.weights / particles.weights.max()
+        newer = particles.innovation
+        some = sample_evenly(len(particles), _MOST_LINES)
+        tails = np.stack([self._at(older[some], floor), self._at(newer[some], floor)], axis=1)
+        self._board.weighted_segments(f"{name}/tails", tails, strengths[some], colour, 0.0)
+        self._dots(name, newer, strengths, floor, colour)
+
+    def _dots(self, name: str, values: FloatArray, strengths: FloatArray, floor: str, colour: Rgb) -> None:
+        some = sample_evenly(len(values), _MOST_POINTS)
+        size = float(np.clip(10.0 - 2.0 * np.log10(len(values) / 24.0), 5.0, 10.0))
+        self._board.weighted_points(name, self._at(values[some], floor), strengths[some], colour, size, 4.0)
+
+    def _associations(self, record: StepRecord, count: int, palette: Palette) -> None:
+        before = self._at(record.previous.innovation, "before")
+        proposed = self._at(_proposed(record), "proposed")
+        possible = possible_links(record, count)
+        if len(possible.sources):
+            lines = np.stack([before[possible.sources], proposed[possible.targets]], axis=1)
+            self._board.weighted_segments("toy/possible", lines, possible.strengths, palette.faint, -5.0)
+        made = made_links(record, min(count, _MOST_LINES))
+        if len(made.sources):
+            lines = np.stack([before[made.sources], proposed[made.targets]], axis=1)
+            self._board.weighted_segments(
+                "toy/made", lines, made.strengths, palette.proposal, 0.0, palette.faint
+            )
+            if len(lines) <= 60:
+                self._board.segments("toy/heads", arrow_heads(lines[..., :2]), palette.proposal, 1.2, 0.5)
+
+    def _proposed(self, record: StepRecord, model: ToyModel, extent: float, palette: Palette) -> None:
+        values = _proposed(record)
+        self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
+        if record.stage("propose") is None:
+            self._floor("proposed", "x ~ p(x|qₜ)", extent, palette)
+        else:
+            self._floor("proposed", "innovations u, drawn from π(u|y)", extent, palette)
+            proposal = model.proposal(record.observation)
+            bumps = [proposal.covariance * s**2 for s in (1.0, 2.0)]
+            rings = [ellipse(Gaussian(mean, c)) for mean in proposal.means for c in bumps]
+            self._board.polyline("toy/proposal", self._at(np.array(rings), "proposed"), palette.proposal, 1.5)
+        seen = np.atleast_2d(record.observation)
+        crosses = self._at(np.concatenate([seen + 0.09 * _CIRCLE[[i]] for i in (5, 15, 25, 35)]), "proposed")
+        n = len(seen)
+        lines = np.concatenate(
+            [np.stack([crosses[i * n :][:n], crosses[(i + 2) * n :][:n]], axis=1) for i in (0, 1)]
+        )
+        self._board.segments("toy/observation", lines, palette.likelihood, 3.0, 6.0)
+
+    def _after(self, record: StepRecord, extent: float, palette: Palette) -> None:
+        stage = record.stage("weight")
+        particles = stage.particles if stage else record.posterior
+        histories = stage.histories if stage and stage.histories is not None else record.histories
+        self._floor("after", "new states qₜ₊₁, strength = weight", extent, palette)
+        older = record.previous.innovation[np.maximum(histories, 0)]
+        self._set("toy/after", particles, older, "after", palette.posterior)
+        self._cross("toy/estimate", record.estimate, palette.posterior)
+
+    def _truth(self, value: FloatArray, palette: Palette) -> None:
+        self._cross("toy/truth", value, palette.truth)
+
+    def _cross(self, name: str, value: FloatArray, colour: Rgb) -> None:
+        x, y, depth = self._at(value, "after")
+        ticks = [[[x - 8, y, depth], [x + 8, y, depth]], [[x, y - 8, depth], [x, y + 8, depth]]]
+        self._board.segments(name, ticks, colour, 3.5, 9.0)
+
+
+def ellipse(gaussian: Gaussian) -> FloatArray:
+    """``(41, 2)``: the curve one standard deviation from the mean of a two-dimensional Gaussian."""
+    return gaussian.mean + _CIRCLE @ np.linalg.cholesky(gaussian.covariance).T
+
+
+def _proposed(record: StepRecord) -> FloatArray:
+    stage = record.stage("propose") or record.stage("predict")
+    return (stage.particles if stage else record.posterior).innovation

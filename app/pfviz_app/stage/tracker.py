@@ -1,0 +1,166 @@
+"""The tracker, after Figure 3 of the sources: the whole frame, and a close-up that follows the estimate."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from pfviz.particles import FloatArray, ParticleSet
+from pfviz.vision.tracker import TrackerModel, TrackEstimate
+from pfviz.vision.video import Image
+from pfviz_app.session import Picture
+from pfviz_app.stage.board import Board, arrow_heads
+from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.links import sample_evenly
+from pfviz_app.stage.palette import Palette
+
+_CONTOURS = 14
+_MOST_POINTS = 1000
+_DARK, _BRIGHT = (10, 10, 14), (255, 255, 255)
+_CLOSE_UP_PIXELS = 420
+
+
+class Window:
+    """A part of the frame shown in a rectangle of the canvas."""
+
+    def __init__(self, rect: Rect, part: Rect) -> None:
+        self.rect = rect
+        self.scale = rect.width / part.width
+        self._part = part
+
+    def __call__(self, points: FloatArray) -> FloatArray:
+        """Canvas pixels of frame pixels ``(..., 2)``."""
+        corner = np.array([self._part.x, self._part.y])
+        return (points - corner) * self.scale + np.array([self.rect.x, self.rect.y])
+
+    def holds(self, points: FloatArray) -> NDArray[np.bool_]:
+        """Whether frame pixels ``(n, 2)`` lie in the window."""
+        p = self._part
+        x, y = points[:, 0], points[:, 1]
+        return (x >= p.x) & (x <= p.right) & (y >= p.y) & (y <= p.bottom)
+
+
+class TrackerStage:
+    """Draws one step of the tracker into a rectangle."""
+
+    def __init__(self, board: Board) -> None:
+        self._board = board
+        self._frame: tuple[int, NDArray[np.uint8]] | None = None
+
+    def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
+        film, t = picture.tracker.film, picture.t
+        width, height = film.source.size
+        image = film.image(max(t, 1))
+        whole = Window(self._frame_rect(rect, width / height), Rect(0, 0, width, height))
+        self._board.image("tracker/frame", self._rgb(image), whole.rect)
+        if t == 0:
+            self._outline("tracker/frame/expected", whole, film.setup.model, film.setup.model.start)
+            return
+        model = picture.tracker.outcome(t).model
+        assert isinstance(model, TrackerModel)
+        record = picture.tracker.trace[t]
+        estimate = model.estimate(record)
+        close = self._close_up(rect, whole.rect, estimate, image)
+        self._border(close, whole, palette)
+        self._particles(record.posterior, model, close)
+        self._arrows(picture, close, palette)
+        for name, window in (("frame", whole), ("close", close)):
+            self._outline(f"tracker/{name}/expected", window, model, estimate.state)
+        truth = film.truth(t)
+        if truth is not None and picture.settings.truth:
+            self._truth(truth, close, palette)
+
+    def _frame_rect(self, rect: Rect, aspect: float) -> Rect:
+        return Rect(rect.x, rect.y, rect.width, 0.46 * rect.height).fitted(aspect)
+
+    def _rgb(self, image: Image) -> NDArray[np.uint8]:
+        """The frame as RGB, at most 640 pixels wide; the same array for the same frame."""
+        if self._frame is None or self._frame[0] != id(image):
+            shrink = min(1.0, 640.0 / image.shape[1])
+            small = (
+                cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
+                if shrink < 1
+                else image
+            )
+            self._frame = (id(image), np.ascontiguousarray(small[..., ::-1]))
+        return self._frame[1]
+
+    def _close_up(self, rect: Rect, frame: Rect, estimate: TrackEstimate, image: Image) -> Window:
+        below = Rect(rect.x, frame.bottom + 14, rect.width, max(rect.bottom - frame.bottom - 14, 40))
+        aspect = float(np.clip(below.width / below.height, 0.8, 1.6))
+        target = below.fitted(aspect)
+        reach = 1.15 * max(estimate.box[2], estimate.box[3] * aspect, 16.0)
+        part = Rect(estimate.x - reach, estimate.y - reach / aspect, 2 * reach, 2 * reach / aspect)
+        size = (_CLOSE_UP_PIXELS, round(_CLOSE_UP_PIXELS / aspect))
+        zoom = _CLOSE_UP_PIXELS / part.width
+        placing = np.array([[zoom, 0.0, -part.x * zoom], [0.0, zoom, -part.y * zoom]])
+        crop = cv2.warpAffine(image, placing, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        self._board.image("tracker/close", np.ascontiguousarray(crop[..., ::-1]), target)
+        return Window(target, part)
+
+    def _border(self, close: Window, whole: Window, palette: Palette) -> None:
+        """Where in the frame the close-up lies."""
+        p = close._part
+        corners = whole(np.array([[p.x, p.y], [p.right, p.y], [p.right, p.bottom], [p.x, p.bottom]]))
+        corners = np.clip(corners, [whole.rect.x, whole.rect.y], [whole.rect.right, whole.rect.bottom])
+        self._board.polyline("tracker/frame/part", corners, palette.posterior, 2.0, 2.0, closed=True)
+
+    def _particles(self, particles: ParticleSet, model: TrackerModel, close: Window) -> None:
+        """The contours of likely particles, dark on a bright rim, and the centres of all, by weight."""
+        order = np.argsort(-particles.weights)[:_CONTOURS]
+        likely = order[particles.weights[order] > 0.05 * particles.weights[order[0]]]
+        outlines = close(model.contour.outlines(particles.innovation[likely], per_segment=2))
+        outlines = outlines[self._inside(outlines, close)]
+        if len(outlines):
+            self._board.polyline("tracker/close/rims", outlines, (225, 225, 225), 2.6, 1.0, closed=True)
+            self._board.polyline("tracker/close/likely", outlines, _DARK, 1.3, 2.0, closed=True)
+
+    @staticmethod
+    def _inside(outlines: FloatArray, window: Window) -> NDArray[np.bool_]:
+        r = window.rect
+        low, high = outlines.min(axis=1), outlines.max(axis=1)
+        return (low[:, 0] >= r.x) & (low[:, 1] >= r.y) & (high[:, 0] <= r.right) & (high[:, 1] <= r.bottom)
+
+    def _arrows(self, picture: Picture, close: Window, palette: Palette) -> None:
+        """From where each particle's history was to where it is now."""
+        record = picture.tracker.trace[picture.t]
+        stage = record.stage("weight")
+        particles = stage.particles if stage else record.posterior
+        histories = stage.histories if stage and stage.histories is not None else record.histories
+        centres = particles.innovation[:, :2]
+        weights = particles.weights / particles.weights.max()
+        shown = np.flatnonzero(close.holds(centres))
+        shown = shown[sample_evenly(len(shown), _MOST_POINTS)]
+        if not len(shown):
+            return
+        size = float(np.clip(9.0 - 1.5 * np.log10(len(particles) / 100.0), 4.5, 9.0))
+        colour = palette.posterior
+        self._board.weighted_points(
+            "tracker/close/centres", close(centres[shown]), weights[shown], colour, size, 6.0
+        )
+        drawn = shown[histories[shown] >= 0]
+        before = record.previous.innovation[histories[drawn], :2]
+        drawn, before = drawn[close.holds(before)], before[close.holds(before)]
+        order = np.argsort(-weights[drawn])[: min(picture.settings.arrows, 120)]
+        if not len(order):
+            return
+        lines = np.stack([close(before[order]), close(centres[drawn[order]])], axis=1)
+        self._board.weighted_segments(
+            "tracker/close/arrows", lines, weights[drawn[order]], palette.history, 3.0
+        )
+        if len(lines) <= 40:
+            self._board.segments("tracker/close/heads", arrow_heads(lines, 6.0), palette.history, 1.2, 4.0)
+
+    def _outline(self, name: str, window: Window, model: TrackerModel, state: FloatArray) -> None:
+        """The expected contour: white with a dark rim."""
+        outline = window(model.contour.outlines(state))
+        self._board.polyline(f"{name}/rim", outline, _DARK, 4.6, 8.0, closed=True)
+        self._board.polyline(name, outline, _BRIGHT, 2.4, 9.0, closed=True)
+
+    def _truth(self, truth: TrackEstimate, close: Window, palette: Palette) -> None:
+        centre = np.array([[truth.x, truth.y]])
+        if close.holds(centre)[0]:
+            x, y = close(centre)[0]
+            ticks = [[[x - 9, y], [x + 9, y]], [[x, y - 9], [x, y + 9]]]
+            self._board.segments("tracker/close/truth", ticks, palette.truth, 3.5, 12.0)

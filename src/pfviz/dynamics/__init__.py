@@ -1,0 +1,5 @@
+"""How states evolve."""
+
+from pfviz.dynamics.autoregressive import Autoregression
+
+__all__ = ["Autoregression"]

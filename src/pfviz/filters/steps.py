@@ -1,0 +1,163 @@
+"""The moves that the filters are made of. Each takes particle sets and returns the stage that it adds to the record."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from pfviz import kernels
+from pfviz.model import Components, Dynamics, Model, Proposal, shift
+from pfviz.particles import FloatArray, IntArray, ParticleSet, log_sum_exp
+from pfviz.randomness import Streams
+from pfviz.record import Association, Condition, Stage, StepRecord
+from pfviz.resampling import RESAMPLERS
+
+
+class FilterError(ValueError):
+    """A model or a setting that a filter cannot work with."""
+
+
+def check_settings(n_particles: int, resampling: str = "systematic", ess_threshold: float = 1.0) -> None:
+    """Raise a ``FilterError`` that names the setting, its value and what was expected."""
+    if not isinstance(n_particles, (int, np.integer)) or n_particles < 1:
+        raise FilterError(f"n_particles must be a whole number of at least 1, got {n_particles!r}")
+    if resampling not in RESAMPLERS:
+        raise FilterError(f"resampling must be one of {', '.join(RESAMPLERS)}, got {resampling!r}")
+    if not 0.0 <= ess_threshold <= 1.0:
+        raise FilterError(f"ess_threshold must be between 0 and 1, got {ess_threshold!r}")
+
+
+def sample_prior(rng: np.random.Generator, model: Model, n_particles: int) -> ParticleSet:
+    """Equally weighted draws of the prior: the particle set at time 0 of every filter."""
+    return ParticleSet.uniform(model.sample_prior(Streams(rng).of("prior"), n_particles))
+
+
+def resample(streams: Streams, particles: ParticleSet, scheme: str, ess_threshold: float = 1.0) -> Stage:
+    """Multiply the heavy and drop the light, unless the ESS is at or above ``ess_threshold`` of N.
+
+    A threshold of 1 resamples always.
+    """
+    everyone = np.arange(len(particles))
+    if ess_threshold < 1.0 and particles.effective_sample_size >= ess_threshold * len(particles):
+        return Stage("resample", particles, ancestors=everyone, histories=everyone)
+    ancestors = RESAMPLERS[scheme](streams.of("resample"), particles.weights, len(particles))
+    return Stage("resample", particles.take(ancestors), ancestors=ancestors, histories=ancestors)
+
+
+def predict(streams: Streams, dynamics: Dynamics, before: Stage) -> Stage:
+    """Draw each particle's innovation from p(x1' | x): the proposal of CONDENSATION."""
+    particles = before.particles
+    states = shift(particles.states, dynamics.sample(streams.of("predict"), particles.states))
+    everyone = np.arange(len(particles))
+    return Stage("predict", ParticleSet(states, particles.log_weights), everyone, before.histories)
+
+
+def propose(streams: Streams, proposal: Proposal, count: int) -> Stage:
+    """Draw innovations from pi(u | y): particles of order 1 that have no history yet."""
+    proposed = proposal.sample(streams.of("propose"), count)
+    return Stage("propose", ParticleSet.uniform(proposed[:, None, :]))
+
+
+@dataclass(frozen=True, slots=True)
+class Associated:
+    """The outcome of history sampling: the stage, and log sum_l w_l p(u_i | x_l) for each innovation."""
+
+    stage: Stage
+    log_mixture: FloatArray
+
+
+def restricted(
+    dynamics: Dynamics, states: FloatArray, components: Components
+) -> tuple[FloatArray, FloatArray]:
+    """Means ``(N, d)`` and covariance ``(d, d)`` of p(u | x) for the proposed ``components``."""
+    chosen = list(components)
+    return dynamics.predict(states)[:, chosen], dynamics.noise_covariance[np.ix_(chosen, chosen)]
+
+
+def sample_histories(
+    streams: Streams, dynamics: Dynamics, histories: ParticleSet, proposed: Stage, components: Components
+) -> Associated:
+    """Draw for each innovation u_i a history I_i with probability proportional to w_l p(u_i | x_l)."""
+    innovations = proposed.particles.innovation
+    means, covariance = restricted(dynamics, histories.states, components)
+    uniforms = streams.of("associate").random(len(innovations))
+    log_mixture, chosen = kernels.sample_histories(
+        innovations, means, histories.log_weights, covariance, uniforms
+    )
+    association = Association(histories, innovations, chosen, means, covariance)
+    everyone = np.arange(len(innovations))
+    stage = Stage("associate", proposed.particles, everyone, chosen, association=association)
+    return Associated(stage, log_mixture)
+
+
+def join_by_index(dynamics: Dynamics, histories: Stage, proposed: Stage, components: Components) -> Stage:
+    """Join innovation i to history i, as Basic-SIR does: an arbitrary association."""
+    innovations = proposed.particles.innovation
+    everyone = np.arange(len(innovations))
+    means, covariance = restricted(dynamics, histories.particles.states, components)
+    association = Association(histories.particles, innovations, everyone, means, covariance, arbitrary=True)
+    return Stage("associate", proposed.particles, everyone, histories.histories, association=association)
+
+
+def complete(
+    streams: Streams,
+    dynamics: Dynamics,
+    histories: ParticleSet,
+    chosen: IntArray,
+    before: Stage,
+    components: Components,
+    log_weights: FloatArray | None = None,
+) -> Stage:
+    """Give innovation i the history ``chosen[i]`` and draw its other components v from p(v | u, x) (Table 4, step 3).
+
+    The new particles carry ``log_weights``, or equal weights.
+    """
+    states = histories.states[chosen]
+    innovation = dynamics.complete(streams.of("complete"), before.particles.innovation, states, components)
+    particles = ParticleSet.uniform(shift(states, innovation))
+    if log_weights is not None:
+        particles = particles.reweighted(log_weights)
+    return Stage("complete", particles, np.arange(len(chosen)), before.histories)
+
+
+@dataclass(frozen=True, slots=True)
+class Weighed:
+    """The stage after weighting, the log of the summed weights, and whether they were all zero."""
+
+    stage: Stage
+    log_evidence: float
+    condition: Condition | None = None
+
+
+def weigh(before: Stage, log_factors: Mapping[str, FloatArray]) -> Weighed:
+    """Multiply factors into the weights: w_i becomes w_i * product of factors, normalised.
+
+    Where every weight would be zero there is nothing to prefer: the weights stay as they were, the evidence is zero and
+    the condition is "degenerate".
+
+    Raises:
+        FilterError: if a factor is NaN or plus infinity.
+    """
+    particles = before.particles
+    for name, values in log_factors.items():
+        if np.shape(values) != (len(particles),):
+            raise FilterError(f"the log {name} must have shape ({len(particles)},), got {np.shape(values)}")
+        if np.isnan(values).any() or np.isposinf(values).any():
+            raise FilterError(f"the log {name} of a particle is NaN or infinite; it must be a number or -inf")
+    everyone = np.arange(len(particles))
+    total = particles.log_weights + np.sum(list(log_factors.values()), axis=0)
+    log_evidence = log_sum_exp(total)
+    degenerate = not np.isfinite(log_evidence)
+    weighted = particles if degenerate else particles.reweighted(total - log_evidence)
+    stage = Stage("weight", weighted, everyone, before.histories, log_factors)
+    return Weighed(stage, log_evidence, "degenerate" if degenerate else None)
+
+
+def predict_only(streams: Streams, model: Model, particles: ParticleSet, observation: Any) -> StepRecord:
+    """The step of every filter when the observation is missing: dynamics only, weights and evidence unchanged."""
+    everyone = np.arange(len(particles))
+    stage = predict(streams, model.dynamics, Stage("resample", particles, everyone, everyone))
+    return StepRecord(observation, particles, (stage,), 0.0, 0, len(particles), "missing")
