@@ -1,7 +1,7 @@
 """Resampling schemes: which particles survive, and how often.
 
-A scheme draws ``n`` ancestors so that particle i is expected ``n * w_i`` times (it is *unbiased*). The schemes
-differ in the spread of those counts (Douc, Cappé & Moulines 2005):
+A scheme draws ``n`` ancestors so that particle i is expected ``n * w_i`` times (it is *unbiased*). The
+schemes differ in the spread of those counts (Douc, Cappé & Moulines 2005):
 
 - ``multinomial``: independent draws, the largest spread;
 - ``residual``: ``floor(n * w_i)`` copies for certain, the rest drawn (Liu & Chen 1998);

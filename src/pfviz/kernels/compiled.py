@@ -1,0 +1,533 @@
+"""The compiled kernels. Importing this module compiles them or loads them from the cache.
+
+Every kernel has explicit signatures, so that no call ever compiles; the callers in this package bring their
+arguments to the dtype, layout and writability named there. Kernels are serial, release the GIL and hold no
+state, so that any number of threads can run them. All kernels and their helpers live in this one file: the
+cache is invalidated by a change of the file that a kernel is in, not by a change of a helper elsewhere.
+
+`fastmath` here allows the compiler to reorder sums and fuse multiply-adds, without which loops do not
+vectorise. It keeps infinities and NaN.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from numba import njit, types
+from numba.extending import overload
+
+FAST = {"reassoc", "contract", "nsz", "arcp"}
+
+f4, f8, i8, u1, u8 = types.float32, types.float64, types.int64, types.uint8, types.uint64
+
+
+def _in(dtype: types.Type, ndim: int) -> types.Array:
+    """A C-contiguous array that the kernel reads."""
+    return types.Array(dtype, ndim, "C", readonly=True)
+
+
+def _out(dtype: types.Type, ndim: int) -> types.Array:
+    """A C-contiguous array that the kernel may write."""
+    return types.Array(dtype, ndim, "C")
+
+
+def kernel(*signatures: types.Type, fastmath: Any = False) -> Callable[[Callable], Any]:
+    """Compile for the given signatures, with the disk cache where there is one that works."""
+
+    def compile_now(function: Callable) -> Any:
+        options = {"nogil": True, "fastmath": fastmath, "error_model": "numpy"}
+        try:
+            return njit(list(signatures), cache=True, **options)(function)
+        except Exception:  # no writable folder, a full disk, a damaged cache; a real error comes again below
+            return njit(list(signatures), **options)(function)
+
+    return compile_now
+
+
+# --- exp2 ---------------------------------------------------------------------------------------------------
+
+# Chebyshev interpolants of 2**x on [-1, 0]: relative error 1.0e-7 and 3.9e-16.
+_P32 = tuple(
+    np.float32(c)
+    for c in (
+        0.9999999438867431,
+        0.693143134641113,
+        0.24017895627762828,
+        0.05529811967633446,
+        0.009209180357198386,
+        0.0009468770291101538,
+    )
+)
+_P64 = (
+    0.9999999999999999,
+    0.6931471805599079,
+    0.24022650695760134,
+    0.05550410864137712,
+    0.009618128919395527,
+    0.0013333549315617315,
+    0.00015403271514816626,
+    1.524784218263345e-05,
+    1.3155735199552113e-06,
+    9.71917088076033e-08,
+    5.0010734852529635e-09,
+)
+_LOWEST32 = np.float32(-124.0)
+_LOWEST64 = -1020.0
+
+
+def _exp2(t: float) -> float:
+    """``2**t`` for t <= 0, in the precision of t; anything below the normal numbers counts as the
+    smallest."""
+    raise NotImplementedError
+
+
+@overload(_exp2, jit_options={"fastmath": FAST})
+def _exp2_overload(t):
+    """Split t = i + f with -1 < f <= 0, and add i to the exponent bits of a polynomial in f."""
+    p0, p1, p2, p3, p4, p5 = _P32
+    q0, q1, q2, q3, q4, q5, q6, q7, q8, q9, q10 = _P64
+
+    def single(t):
+        t = t if t > _LOWEST32 else _LOWEST32
+        i = np.int32(t)
+        f = t - np.float32(i)
+        p = np.float32(p0 + f * (p1 + f * (p2 + f * (p3 + f * (p4 + f * p5)))))
+        bits = np.int32(p.view(np.int32) + (i << np.int32(23)))
+        return bits.view(np.float32)
+
+    def double(t):
+        t = t if t > _LOWEST64 else _LOWEST64
+        i = np.int32(t)
+        f = t - np.float64(i)
+        high = f * (q7 + f * (q8 + f * (q9 + f * q10)))
+        p = np.float64(q0 + f * (q1 + f * (q2 + f * (q3 + f * (q4 + f * (q5 + f * (q6 + high)))))))
+        bits = np.int64(p.view(np.int64) + (np.int64(i) << np.int64(52)))
+        return bits.view(np.float64)
+
+    return {f4: single, f8: double}.get(t)
+
+
+# --- history sampling
+# -----------------------------------------------------------------------------------------
+
+# Histories lie in LANES runs of equal length, side by side: column DEPTH * LANES * k + LANES * g + lane holds
+# history (blocks * lane + k) * DEPTH + g. A vector register then sums LANES runs at once and needs no
+# reduction.
+LANES = 16
+DEPTH = 8
+
+helper = njit(fastmath=FAST, error_model="numpy")
+
+
+@helper
+def _term(base, x, y, a, b):
+    dx = x - a
+    dy = y - b
+    return _exp2(base - dx * dx - dy * dy)
+
+
+@helper
+def _sum_row(base, z, u, sums, lanes):
+    """Sum of 2**(base_l - |z_l - u|^2) over the first two coordinates; its parts by lane and block, and by
+    lane."""
+    x, y = z[0], z[1]
+    a, b = u[0], u[1]
+    block = LANES * DEPTH
+    blocks = len(base) // block
+    for k in range(blocks):
+        w = base[k * block : (k + 1) * block]
+        p = x[k * block : (k + 1) * block]
+        q = y[k * block : (k + 1) * block]
+        s = sums[k * LANES : (k + 1) * LANES]
+        for l in range(LANES):
+            i1, i2, i3 = l + LANES, l + 2 * LANES, l + 3 * LANES
+            i4, i5, i6, i7 = l + 4 * LANES, l + 5 * LANES, l + 6 * LANES, l + 7 * LANES
+            s[l] = (
+                (_term(w[l], p[l], q[l], a, b) + _term(w[i1], p[i1], q[i1], a, b))
+                + (_term(w[i2], p[i2], q[i2], a, b) + _term(w[i3], p[i3], q[i3], a, b))
+            ) + (
+                (_term(w[i4], p[i4], q[i4], a, b) + _term(w[i5], p[i5], q[i5], a, b))
+                + (_term(w[i6], p[i6], q[i6], a, b) + _term(w[i7], p[i7], q[i7], a, b))
+            )
+    lanes[:] = 0.0
+    for k in range(blocks):
+        s = sums[k * LANES : (k + 1) * LANES]
+        for l in range(LANES):
+            lanes[l] += s[l]
+    total = 0.0
+    for l in range(LANES):
+        total += lanes[l]
+    return total
+
+
+@helper
+def _draw(base, z, u, sums, lanes, target, floor):
+    """The history at which the running sum passes ``target``: find its lane, its block, then its place.
+
+    Terms up to ``floor`` count as zero. Returns -1 if rounding leaves no term where the sums promised one.
+    """
+    below = 0.0
+    lane = 0
+    while lane < LANES - 1 and below + lanes[lane] <= target:
+        below += lanes[lane]
+        lane += 1
+    blocks = len(base) // (LANES * DEPTH)
+    k = 0
+    while k < blocks - 1 and below + sums[k * LANES + lane] <= target:
+        below += sums[k * LANES + lane]
+        k += 1
+    found = -1
+    for g in range(DEPTH):
+        i = (k * DEPTH + g) * LANES + lane
+        term = _term(base[i], z[0, i], z[1, i], u[0], u[1])
+        if term > floor:
+            found = (blocks * lane + k) * DEPTH + g
+            below += term
+            if below > target:
+                break
+    return found
+
+
+@helper
+def _fold(base, z, u, folded):
+    """``base`` less the squared distances in the third and further coordinates."""
+    folded[:] = base
+    for j in range(2, len(u)):
+        x, a = z[j], u[j]
+        for l in range(len(base)):
+            folded[l] -= (x[l] - a) * (x[l] - a)
+
+
+@helper
+def _peak(base, z, u, lanes):
+    """The largest base_l - |z_l - u|^2 over the first two coordinates."""
+    x, y = z[0], z[1]
+    a, b = u[0], u[1]
+    lanes[:] = -np.inf
+    for k in range(len(base) // LANES):
+        w = base[k * LANES : (k + 1) * LANES]
+        p = x[k * LANES : (k + 1) * LANES]
+        q = y[k * LANES : (k + 1) * LANES]
+        for l in range(LANES):
+            t = w[l] - (p[l] - a) * (p[l] - a) - (q[l] - b) * (q[l] - b)
+            lanes[l] = t if t > lanes[l] else lanes[l]
+    return lanes.max()
+
+
+def _rows_signature(dtype: types.Type) -> Any:
+    histories = (_out(dtype, 2), _out(dtype, 1))
+    return types.void(*histories, _out(dtype, 2), _in(f8, 1), f8, _out(f8, 1), _out(i8, 1))
+
+
+@kernel(_rows_signature(f4), _rows_signature(f8), fastmath=FAST)
+def sample_rows(z, base, innovations, uniforms, floor, totals, ancestors):
+    """For each innovation u the sum over l of 2**(base_l - |z_l - u|^2), and a draw with these odds.
+
+    Args:
+        z: ``(d, L)``, d >= 2, L a multiple of LANES * DEPTH, in lane order (see LANES).
+        base: ``(L,)``, at most 0, in the same order.
+        innovations: ``(M, d)``.
+        uniforms: ``(M,)``, or empty for no draws.
+        floor: terms up to this are not drawn.
+        totals: ``(M,)``, filled with the sums.
+        ancestors: ``(M,)``, filled with the draws; -1 where one must be done again with more care.
+    """
+    lanes = np.empty(LANES)
+    sums = np.empty(len(base) // DEPTH, dtype=base.dtype)
+    row = base
+    if z.shape[0] > 2:
+        row = np.empty_like(base)
+    for i in range(len(innovations)):
+        u = innovations[i]
+        if z.shape[0] > 2:
+            _fold(base, z, u, row)
+        totals[i] = _sum_row(row, z, u, sums, lanes)
+        if len(uniforms) > 0:
+            ancestors[i] = _draw(row, z, u, sums, lanes, uniforms[i] * totals[i], floor)
+
+
+@kernel(
+    types.void(_out(f8, 2), _out(f8, 1), _out(f8, 2), _in(f8, 1), _out(f8, 1), _out(f8, 1), _out(i8, 1)),
+    fastmath=FAST,
+)
+def sample_far_rows(z, base, innovations, uniforms, peaks, totals, ancestors):
+    """As ``sample_rows``, with the largest exponent of each row taken out first.
+
+    The sum of row i is ``totals[i] * 2**peaks[i]``; a peak of minus infinity says that even so nothing is
+    left of it.
+    """
+    lanes = np.empty(LANES)
+    sums = np.empty(len(base) // DEPTH)
+    row = np.empty_like(base)
+    for i in range(len(innovations)):
+        u = innovations[i]
+        _fold(base, z, u, row)
+        peaks[i] = _peak(row, z, u, lanes)
+        if peaks[i] > -np.inf:
+            for l in range(len(row)):
+                row[l] -= peaks[i]
+            totals[i] = _sum_row(row, z, u, sums, lanes)
+            if len(uniforms) > 0:
+                ancestors[i] = _draw(row, z, u, sums, lanes, uniforms[i] * totals[i], 1e-300)
+
+
+# --- contour scan
+# ---------------------------------------------------------------------------------------------
+
+FRACTION_BITS = 32  # of the fixed-point positions; a pixel's index is what is left of them
+
+
+@njit(error_model="numpy")
+def _place_normals(transform, points, normals, shift, placed):
+    """Fill ``placed (4, L)`` with x, y and the unit normal of each contour point; False if that is not
+    possible."""
+    a, b, c = transform[0, 0], transform[0, 1], transform[0, 2]
+    d, e, f = transform[1, 0], transform[1, 1], transform[1, 2]
+    determinant = a * e - b * d
+    sign = 1.0 if determinant > 0.0 else -1.0
+    xs, ys, ps, qs = placed[0], placed[1], placed[2], placed[3]
+    px, py, mx, my = points[0], points[1], normals[0], normals[1]
+    count = 0
+    for l in range(len(px)):
+        x = (a * px[l] + b * py[l] + c) + shift
+        y = (d * px[l] + e * py[l] + f) + shift
+        p = sign * (e * mx[l] - d * my[l])
+        q = sign * (a * my[l] - b * mx[l])
+        length = math.sqrt(p * p + q * q)
+        count += (abs(x) < np.inf) & (abs(y) < np.inf) & (length > 0.0) & (length < np.inf)
+        xs[l], ys[l], ps[l], qs[l] = x, y, p / length, q / length
+    return count == len(px) and 0.0 < abs(determinant) < np.inf
+
+
+@kernel(types.void(_in(u1, 2), i8, _in(f8, 3), _in(f8, 2), _in(f8, 2), _in(f8, 1), _out(f8, 1)))
+def scan_contours(padded, margin, transforms, points, normals, cost, log_likelihood):
+    """The summed cost of each transform; ``pfviz.kernels.contours`` says of what, and does it in the same
+    order.
+
+    ``points`` and ``normals`` are ``(2, L)`` here.
+    """
+    reach = len(cost) - 2
+    height, width = padded.shape
+    pixels = padded.reshape(width * height)
+    lowest = margin - reach - 0.5
+    right, bottom = width - lowest, height - lowest
+    bits = np.int64(FRACTION_BITS)
+    one = 2.0**FRACTION_BITS
+    placed = np.empty((4, points.shape[1]))
+    for n in range(len(transforms)):
+        if not _place_normals(transforms[n], points, normals, margin + 0.5, placed):
+            log_likelihood[n] = -np.inf
+            continue
+        total = 0.0
+        for l in range(points.shape[1]):
+            x, y = placed[0, l], placed[1, l]
+            found = reach + 1
+            if lowest <= x <= right and lowest <= y <= bottom:
+                x, y = np.int64(x * one), np.int64(y * one)
+                p, q = np.int64(placed[2, l] * one), np.int64(placed[3, l] * one)
+                found = 0
+                while found <= reach:
+                    ahead = ((y + found * q) >> bits) * width + ((x + found * p) >> bits)
+                    behind = ((y - found * q) >> bits) * width + ((x - found * p) >> bits)
+                    if pixels[np.uint64(ahead)] | pixels[np.uint64(behind)]:
+                        break
+                    found += 1
+            total += cost[found]
+        log_likelihood[n] = total
+
+
+# --- propagation
+# ----------------------------------------------------------------------------------------------
+
+NORMALS_BLOCK = 256
+
+_WEYL = np.uint64(0x9E3779B97F4A7C15)
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+_MIX2 = np.uint64(0x94D049BB133111EB)
+_MIX3 = np.uint64(0xD6E8FEB86659FD93)
+_ONE = np.uint64(0x3FF0000000000000)
+_SQRT_HALF = np.int64(0x3FE6A09E667F3BCD)
+_MANTISSA = np.int64(0x000FFFFFFFFFFFFF)
+_U1, _U12, _U27, _U30, _U31, _U32 = (np.uint64(v) for v in (1, 12, 27, 30, 31, 32))
+
+# Chebyshev interpolants, relative error below 1e-12: log((1+s)/(1-s)) = s * L(s^2) for |s| <= (sqrt 2 -
+# 1)/(sqrt 2 + 1), cos(2 pi w) = C(w^2) and sin(2 pi w) = w * S(w^2) for |w| <= 1/4.
+_L0, _L1, _L2, _L3, _L4, _L5 = (
+    1.9999999999999472,
+    0.6666666667957926,
+    0.3999999489183238,
+    0.28572166145875727,
+    0.2217424991007749,
+    0.19608095639753054,
+)
+_C0, _C1, _C2, _C3, _C4, _C5, _C6, _C7 = (
+    0.9999999999999981,
+    -19.739208802174744,
+    64.93939402133272,
+    -85.45681703563287,
+    60.24463060817376,
+    -26.42588874334368,
+    7.896555735851554,
+    -1.6452233497893094,
+)
+_S0, _S1, _S2, _S3, _S4, _S5, _S6 = (
+    6.28318530717927,
+    -41.341702239903675,
+    81.60524914901583,
+    -76.70584754377326,
+    42.058134871372054,
+    -15.081483206893,
+    3.6658551595639612,
+)
+
+
+@helper
+def _random_bits(counter, key0, key1):
+    h = key0 + counter * _WEYL
+    h = (h ^ (h >> _U30)) * _MIX1
+    h = (h ^ (h >> _U27)) * _MIX2
+    h = ((h ^ (h >> _U31)) ^ key1) * _MIX3
+    return h ^ (h >> _U32)
+
+
+@helper
+def _radius(bits):
+    """sqrt(-2 log u) of the uniform ((bits >> 12) + 1/2) * 2**-52."""
+    mantissa = np.uint64((bits >> _U12) | _ONE)
+    uniform = np.float64(mantissa.view(np.float64) - (1.0 - 2.0**-53))
+    shifted = np.int64(uniform.view(np.int64) - _SQRT_HALF)
+    exponent = np.float64(np.int32(shifted >> np.int64(52)))
+    reduced = np.int64((shifted & _MANTISSA) + _SQRT_HALF)
+    m = reduced.view(np.float64)
+    s = (m - 1.0) / (m + 1.0)
+    v = s * s
+    log_m = s * (_L0 + v * (_L1 + v * (_L2 + v * (_L3 + v * (_L4 + v * _L5)))))
+    return math.sqrt(-2.0 * (exponent * 0.6931471805599453 + log_m))
+
+
+@helper
+def _fill_normals(first, key0, key1, normals):
+    """Box-Muller: pairs ``first``, ``first + 1``, ... of the stream, cosines in the first half and sines in
+    the second."""
+    half = len(normals) // 2
+    cosines, sines = normals[:half], normals[half:]
+    for t in range(half):
+        counter = (first + np.uint64(t)) << _U1
+        radius = _radius(_random_bits(counter, key0, key1))
+        bits = _random_bits(counter | _U1, key0, key1)
+        mantissa = np.uint64((bits >> _U12) | _ONE)
+        w = 0.5 * (mantissa.view(np.float64) - 1.5)
+        v = w * w
+        high = v * (_C4 + v * (_C5 + v * (_C6 + v * _C7)))
+        cosine = _C0 + v * (_C1 + v * (_C2 + v * (_C3 + high)))
+        high = v * (_S3 + v * (_S4 + v * (_S5 + v * _S6)))
+        sine = w * (_S0 + v * (_S1 + v * (_S2 + high)))
+        cosines[t] = radius * cosine if bits & _U1 else -(radius * cosine)
+        sines[t] = radius * sine
+
+
+@helper
+def _add_scaled(scale, values, sums):
+    for i in range(len(sums)):
+        sums[i] += scale * values[i]
+
+
+@kernel(
+    types.void(_in(f8, 2), _in(i8, 1), _in(f8, 2), _in(f8, 1), _in(f8, 2), u8, u8, _out(f8, 2)),
+    fastmath=FAST,
+)
+def propagate(states, ancestors, coefficients, offset, factor, key0, key1, result):
+    """``result[i] = (offset + coefficients @ x + factor @ z, x[:-k])`` with x = states[ancestors[i]].
+
+    Args:
+        states: ``(N, p * k)``, newest block first.
+        ancestors: ``(N,)``, or empty for everyone its own.
+        coefficients: ``(k, p * k)``.
+        offset: ``(k,)``.
+        factor: ``(k, k)``, of the noise covariance.
+        key0, key1: of the random stream.
+        result: ``(N, p * k)``, filled.
+    """
+    n, width = result.shape
+    k = len(offset)
+    old, new = states.reshape(states.size), result.reshape(result.size)
+    normals = np.empty((k, NORMALS_BLOCK))
+    rows = np.empty((k + width, NORMALS_BLOCK))  # the new block of each particle, then its parent's blocks
+    place = np.empty(NORMALS_BLOCK, dtype=np.uint64)
+    for block in range((n + NORMALS_BLOCK - 1) // NORMALS_BLOCK):
+        start = block * NORMALS_BLOCK
+        count = min(NORMALS_BLOCK, n - start)
+        for c in range(k):
+            _fill_normals(np.uint64((block * k + c) * (NORMALS_BLOCK // 2)), key0, key1, normals[c])
+        for i in range(count):
+            parent = ancestors[start + i] if len(ancestors) > 0 else start + i
+            place[i] = np.uint64(parent * width)
+        for j in range(width):
+            row = rows[k + j]
+            for i in range(count):
+                row[i] = old[place[i] + np.uint64(j)]
+        for c in range(k):
+            rows[c, :] = offset[c]
+            for j in range(width):
+                _add_scaled(coefficients[c, j], rows[k + j], rows[c])
+            for j in range(k):
+                _add_scaled(factor[c, j], normals[j], rows[c])
+        for j in range(width):
+            row, to = rows[j], np.uint64(start * width + j)
+            for i in range(count):
+                new[to] = row[i]
+                to += np.uint64(width)
+
+
+# --- weights
+# --------------------------------------------------------------------------------------------------
+
+
+@kernel(types.void(_in(f8, 1), f8, _out(i8, 1)), fastmath=FAST)
+def systematic_ancestors(weights, offset, ancestors):
+    """Each particle marks the first of the points m + offset in its share; then everyone takes the last mark.
+
+    A particle without a point is overwritten by the next one with any. Nothing after the last positive weight
+    marks.
+    """
+    last = len(weights) - 1
+    while weights[last] == 0.0:
+        last -= 1
+    total = 0.0
+    for i in range(last + 1):
+        total += weights[i]
+    scale = len(ancestors) / total
+    ancestors[:] = 0
+    cumulative = 0.0
+    for i in range(last + 1):
+        first = np.int64(np.ceil(cumulative * scale - offset))
+        if first < len(ancestors):
+            ancestors[np.uint64(first)] = i
+        cumulative += weights[i]
+    newest = 0
+    for m in range(len(ancestors)):
+        newest = max(newest, ancestors[m])
+        ancestors[m] = newest
+
+
+@kernel(types.UniTuple(f8, 2)(_in(f8, 1), f8, _out(f8, 1), _out(f8, 1)), fastmath=FAST)
+def normalise_log_weights(log_weights, peak, normalised, weights):
+    """Fills ``normalised`` and ``weights``; returns the log of the sum and the effective sample size."""
+    total = 0.0
+    squares = 0.0
+    for i in range(len(log_weights)):
+        t = (log_weights[i] - peak) * 1.4426950408889634
+        w = _exp2(t)
+        w = w if t > _LOWEST64 else 0.0
+        weights[i] = w
+        total += w
+        squares += w * w
+    log_sum = peak + math.log(total)
+    scale = 1.0 / total
+    for i in range(len(log_weights)):
+        weights[i] *= scale
+        normalised[i] = log_weights[i] - log_sum
+    return log_sum, total * total / squares

@@ -1,0 +1,347 @@
+"""History sampling: the mixture density of innovations over histories, and a history drawn for each
+innovation.
+
+``log S_i = log sum_l w_l N(u_i; m_l, covariance)`` and ``I_i ~ w_l N(u_i; m_l, covariance)``, the two N x N
+operations of RB-HS-SIR (Table 3 of Torma & Szepesvari). Both come from one pass over the pairs that stores
+none of them. Coordinates are centred and whitened, and constants folded into base-2 exponents, so that a pair
+costs two squares and a polynomial.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from threading import Thread
+from types import ModuleType
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pfviz.kernels.arrays import frozen
+from pfviz.kernels.backend import compiled
+from pfviz.kernels.weights import checked_peak
+
+FloatArray = NDArray[np.float64]
+IntArray = NDArray[np.int64]
+Precision = Literal["float32", "float64"]
+
+_LOG_2 = math.log(2.0)
+
+# In single precision a pair's exponent is wrong by up to the rounding of its coordinates times their
+# distance. A cloud within 64 sigma of its centre and a sum of at least 2**-64 (9.4 sigma) bound that error to
+# 1e-4; all else is done in double precision.
+_WIDEST_SINGLE = 64.0
+_SMALLEST_TOTAL = 2.0**-64
+_FLOORS = {"float32": 2.0**-100, "float64": 2.0**-1000}
+
+_PAIRS_PER_CHUNK = 1 << 18
+_PAIRS_WORTH_A_THREAD = 1_000_000
+
+
+def sample_histories(
+    innovations: ArrayLike,
+    means: ArrayLike,
+    log_weights: ArrayLike,
+    covariance: ArrayLike,
+    uniforms: ArrayLike,
+    precision: Precision = "float32",
+    threads: int = 1,
+) -> tuple[FloatArray, IntArray]:
+    """Mixture density at each innovation, and for each one draw of a history in proportion to its share of
+    it.
+
+    The draw inverts the cumulative shares, in the order of the histories, at ``uniforms[i]``. A history of
+    weight zero is never drawn. Where an innovation is so far out that even the logarithm of its density
+    overflows, the result is minus infinity and the history is drawn from the weights alone.
+
+    Args:
+        innovations: ``(M, d)``, u.
+        means: ``(N, d)``, of p(u | x_l) for each history.
+        log_weights: ``(N,)``; minus infinity is a weight of zero. They need not be normalised.
+        covariance: ``(d, d)``, common to all histories.
+        uniforms: ``(M,)``, in [0, 1).
+        precision: of the pairwise terms. In single precision the log-density is within 1e-4 of that in double
+            precision; clouds and innovations for which this could not be kept are done in double precision.
+        threads: among which to share the rows where there are many; the results do not depend on it.
+
+    Returns:
+        ``log_mixture (M,)`` and ``ancestors (M,)``, indices into ``means``.
+
+    Raises:
+        ValueError: if shapes disagree, values are not finite, all weights are zero, the covariance is not
+            positive definite, or a uniform lies outside [0, 1).
+    """
+    problem = _prepare(innovations, means, log_weights, covariance, precision)
+    drawn = _checked_uniforms(uniforms, problem.count)
+    kernels = compiled()
+    if kernels is None:
+        return _sample_numpy(problem, drawn)
+    return _sample_compiled(kernels, problem, drawn, precision, threads)
+
+
+def sample_histories_numpy(
+    innovations: ArrayLike,
+    means: ArrayLike,
+    log_weights: ArrayLike,
+    covariance: ArrayLike,
+    uniforms: ArrayLike,
+    precision: Precision = "float64",
+    threads: int = 1,
+) -> tuple[FloatArray, IntArray]:
+    """As ``sample_histories``, in plain NumPy, always in double precision and one thread."""
+    problem = _prepare(innovations, means, log_weights, covariance, precision)
+    return _sample_numpy(problem, _checked_uniforms(uniforms, problem.count))
+
+
+def log_mixture_density(
+    innovations: ArrayLike,
+    means: ArrayLike,
+    log_weights: ArrayLike,
+    covariance: ArrayLike,
+    precision: Precision = "float32",
+    threads: int = 1,
+) -> FloatArray:
+    """``(M,)``: the log-density part of ``sample_histories``; arguments and errors as there."""
+    problem = _prepare(innovations, means, log_weights, covariance, precision)
+    kernels = compiled()
+    if kernels is None:
+        return _sample_numpy(problem, np.empty(0))[0]
+    return _sample_compiled(kernels, problem, np.empty(0), precision, threads)[0]
+
+
+def log_mixture_density_numpy(
+    innovations: ArrayLike,
+    means: ArrayLike,
+    log_weights: ArrayLike,
+    covariance: ArrayLike,
+    precision: Precision = "float64",
+    threads: int = 1,
+) -> FloatArray:
+    """As ``log_mixture_density``, in plain NumPy, always in double precision and one thread."""
+    problem = _prepare(innovations, means, log_weights, covariance, precision)
+    return _sample_numpy(problem, np.empty(0))[0]
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Histories of positive weight, and innovations, in coordinates where ``term = 2**(base - |z - u|^2)``.
+
+    Attributes:
+        innovations: ``(d, M)``.
+        histories: ``(d, L)``.
+        base: ``(L,)``, base-2 logarithms of the weights relative to the largest.
+        log_scale: what to add to the natural logarithm of a sum of terms.
+        positive: ``(L,)`` indices of the histories in the caller's arrays, or None where that is all of them.
+    """
+
+    innovations: FloatArray
+    histories: FloatArray
+    base: FloatArray
+    log_scale: float
+    positive: IntArray | None
+
+    @property
+    def count(self) -> int:
+        """M, the number of innovations."""
+        return self.innovations.shape[1]
+
+    def original(self, ancestors: IntArray) -> IntArray:
+        return ancestors if self.positive is None else self.positive[ancestors]
+
+
+def _prepare(
+    innovations: ArrayLike,
+    means: ArrayLike,
+    log_weights: ArrayLike,
+    covariance: ArrayLike,
+    precision: str,
+) -> _Problem:
+    if precision not in _FLOORS:
+        raise ValueError(f"precision must be 'float32' or 'float64', got {precision!r}")
+    u, m, lw, c = (np.asarray(a, dtype=np.float64) for a in (innovations, means, log_weights, covariance))
+    _check_shapes(u, m, lw, c)
+    heaviest = checked_peak(lw)
+    inverse_factor, log_determinant = _inverse_cholesky(c)
+    positive = None
+    if np.isneginf(lw.min()):
+        positive = np.flatnonzero(lw > -np.inf)
+        m, lw = m[positive], lw[positive]
+    with np.errstate(over="ignore", invalid="ignore"):
+        columns = np.ascontiguousarray(m.T)
+        centre = columns.mean(axis=1, keepdims=True)
+        to_base_2 = inverse_factor * math.sqrt(0.5 / _LOG_2)
+        histories = to_base_2 @ (columns - centre)
+        whitened = to_base_2 @ (np.ascontiguousarray(u.T) - centre)
+    log_scale = heaviest - 0.5 * (u.shape[1] * math.log(2.0 * math.pi) + log_determinant)
+    return _Problem(whitened, histories, (lw - heaviest) / _LOG_2, log_scale, positive)
+
+
+def _check_shapes(u: FloatArray, m: FloatArray, lw: FloatArray, c: FloatArray) -> None:
+    if u.ndim != 2 or u.shape[1] == 0:
+        raise ValueError(f"innovations must have shape (M, d) with d >= 1, got {u.shape}")
+    d = u.shape[1]
+    if m.ndim != 2 or m.shape[0] == 0 or m.shape[1] != d:
+        raise ValueError(f"means must have shape (N, {d}) with N >= 1, got {m.shape}")
+    if lw.shape != m.shape[:1]:
+        raise ValueError(f"log_weights must have shape {m.shape[:1]}, got {lw.shape}")
+    if c.shape != (d, d):
+        raise ValueError(f"covariance must have shape {(d, d)}, got {c.shape}")
+    for name, values in (("innovations", u), ("means", m), ("covariance", c)):
+        if not np.isfinite(values).all():
+            raise ValueError(f"{name} must be finite, got NaN or infinity")
+
+
+def _inverse_cholesky(covariance: FloatArray) -> tuple[NDArray[np.floating], float]:
+    """The inverse of the Cholesky factor, and the log-determinant of the covariance."""
+    try:
+        factor = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        raise ValueError(f"covariance must be positive definite, got {covariance.tolist()}") from None
+    if np.abs(covariance - covariance.T).max() > 1e-8 * np.abs(covariance).max():
+        raise ValueError(f"covariance must be symmetric, got {covariance.tolist()}")
+    return np.linalg.inv(factor), 2.0 * float(np.log(np.diagonal(factor)).sum())
+
+
+def _checked_uniforms(uniforms: ArrayLike, count: int) -> FloatArray:
+    array = np.ascontiguousarray(uniforms, dtype=np.float64)
+    if array.shape != (count,):
+        raise ValueError(f"uniforms must have shape ({count},), got {array.shape}")
+    if count and not (array.min() >= 0.0 and array.max() < 1.0):
+        raise ValueError(f"uniforms must lie in [0, 1), got values from {array.min()} to {array.max()}")
+    return array
+
+
+def _invert(shares: FloatArray, uniforms: FloatArray) -> IntArray:
+    """For each row of ``shares (M, L)`` the first l whose running sum exceeds the uniform's part of the
+    total."""
+    running = np.cumsum(shares, axis=1)
+    drawn = (running <= uniforms[:, None] * running[:, -1:]).sum(axis=1)
+    last = shares.shape[1] - 1 - np.argmax(shares[:, ::-1] > 0.0, axis=1)
+    return np.minimum(drawn, last)
+
+
+def _sample_numpy(problem: _Problem, uniforms: FloatArray) -> tuple[FloatArray, IntArray]:
+    """Row by row with log-sum-exp, in chunks of rows that keep memory bounded."""
+    count = problem.count
+    log_mixture, ancestors = np.empty(count), np.empty(count, dtype=np.int64)
+    rows = max(1, _PAIRS_PER_CHUNK // len(problem.base))
+    for start in range(0, count, rows):
+        chunk = slice(start, start + rows)
+        with np.errstate(over="ignore", invalid="ignore"):
+            distances = problem.innovations[:, chunk, None] - problem.histories[:, None, :]
+            exponents = problem.base - (distances * distances).sum(axis=0)
+        peaks = exponents.max(axis=1)
+        hopeless = ~(peaks > -np.inf)
+        exponents[hopeless] = problem.base
+        shares = np.exp2(exponents - np.where(hopeless, 0.0, peaks)[:, None])
+        log_mixture[chunk] = np.log(shares.sum(axis=1)) + peaks * _LOG_2 + problem.log_scale
+        log_mixture[chunk][hopeless] = -np.inf
+        if len(uniforms):
+            ancestors[chunk] = _invert(shares, uniforms[chunk])
+    return log_mixture, problem.original(ancestors)
+
+
+@dataclass(frozen=True, slots=True)
+class _Lanes:
+    """A problem laid out for the compiled kernels: at least two coordinates, histories in lane order and
+    padded."""
+
+    histories: NDArray[np.floating]
+    base: NDArray[np.floating]
+    innovations: NDArray[np.floating]
+    length: int
+
+    @classmethod
+    def of(cls, kernels: ModuleType, problem: _Problem, dtype: str, rows: IntArray | slice) -> _Lanes:
+        d, count = problem.histories.shape
+        lanes, block = kernels.LANES, kernels.LANES * kernels.DEPTH
+        length = -(-count // block) * block
+        columns = np.zeros((max(d, 2) + 1, length))
+        columns[:d, :count] = problem.histories
+        columns[-1, :count] = problem.base
+        columns[-1, count:] = -np.inf
+        ordered = np.empty(columns.shape, dtype=dtype)
+        ordered.reshape(-1, length // lanes, lanes)[:] = columns.reshape(-1, lanes, length // lanes).swapaxes(1, 2)
+        chosen = problem.innovations[:, rows]
+        innovations = np.zeros((chosen.shape[1], max(d, 2)), dtype=dtype)
+        with np.errstate(over="ignore"):
+            innovations[:, :d] = chosen.T
+        return cls(ordered[:-1], ordered[-1], innovations, length)
+
+
+def _sample_compiled(
+    kernels: ModuleType, problem: _Problem, uniforms: FloatArray, precision: str, threads: int
+) -> tuple[FloatArray, IntArray]:
+    if precision == "float32" and not np.abs(problem.histories).max() <= _WIDEST_SINGLE:
+        precision = "float64"
+    lanes = _Lanes.of(kernels, problem, precision, slice(None))
+    count = len(lanes.innovations)
+    totals, ancestors = np.empty(count), np.zeros(count, dtype=np.int64)
+    floor = _FLOORS[precision]
+
+    def run(rows: slice) -> None:
+        kernels.sample_rows(
+            lanes.histories,
+            lanes.base,
+            lanes.innovations[rows],
+            frozen(uniforms[rows]),
+            floor,
+            totals[rows],
+            ancestors[rows],
+        )
+
+    _share(run, count, threads if count * lanes.length >= _PAIRS_WORTH_A_THREAD else 1)
+    careful = np.flatnonzero(~(totals > _SMALLEST_TOTAL) | (ancestors < 0))
+    if len(careful) == 0:
+        return np.log(totals) + problem.log_scale, problem.original(ancestors)
+    totals[careful] = 1.0
+    log_mixture = np.log(totals) + problem.log_scale
+    log_mixture[careful], ancestors[careful] = _sample_far(kernels, problem, uniforms, careful, threads)
+    return log_mixture, problem.original(ancestors)
+
+
+def _sample_far(
+    kernels: ModuleType, problem: _Problem, uniforms: FloatArray, rows: IntArray, threads: int
+) -> tuple[FloatArray, IntArray]:
+    """The given rows again, in double precision and with log-sum-exp."""
+    lanes = _Lanes.of(kernels, problem, "float64", rows)
+    count = len(rows)
+    wanted = uniforms[rows] if len(uniforms) else uniforms
+    peaks, totals, ancestors = np.empty(count), np.ones(count), np.zeros(count, dtype=np.int64)
+
+    def run(part: slice) -> None:
+        kernels.sample_far_rows(
+            lanes.histories,
+            lanes.base,
+            lanes.innovations[part],
+            frozen(wanted[part]),
+            peaks[part],
+            totals[part],
+            ancestors[part],
+        )
+
+    _share(run, count, threads if count * lanes.length >= _PAIRS_WORTH_A_THREAD else 1)
+    hopeless = np.flatnonzero(~(peaks > -np.inf))
+    if len(hopeless) and len(uniforms):
+        shares = np.exp2(problem.base)[None, :]
+        for row in hopeless:
+            ancestors[row] = _invert(shares, wanted[row : row + 1])[0]
+    log_mixture = np.log(totals) + peaks * _LOG_2 + problem.log_scale
+    log_mixture[hopeless] = -np.inf
+    return log_mixture, ancestors
+
+
+def _share(run: Callable[[slice], None], count: int, threads: int) -> None:
+    """``run`` on slices of ``range(count)``, one a thread, the last in this one."""
+    threads = max(1, min(threads, count))
+    bounds = [count * i // threads for i in range(threads + 1)]
+    slices = [slice(a, b) for a, b in pairwise(bounds)]
+    others = [Thread(target=run, args=(part,)) for part in slices[:-1]]
+    for thread in others:
+        thread.start()
+    run(slices[-1])
+    for thread in others:
+        thread.join()
