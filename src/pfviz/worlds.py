@@ -152,11 +152,11 @@ def _stationary(dynamics: Autoregression) -> Gaussian:
 
 def _figure_1() -> World:
     dynamics = Autoregression.scalar([1.285, -0.2955], noise=0.1)
-    prior, observation_variance = _stationary(dynamics), 9.0
+    prior, observation_variance = _stationary(dynamics), 4.0
     variance = float(prior.covariance[0, 0])
     detector = Detector(
         0.3,
-        np.array([[-0.9], [0.0], [0.9]]),
+        np.array([[-0.85], [0.0], [0.85]]),
         np.array([0.32, 0.36, 0.32]),
         variance / (variance + observation_variance),
     )
