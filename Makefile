@@ -36,7 +36,7 @@ format: ## mend what ruff can mend
 
 bench: ## run benchmarks/
 	@sh scripts/environment.sh run
-	@for script in benchmarks/[!_]*.py; do echo "$$script"; $(PY) "$$script" || exit 1; done
+	@for script in $(wildcard benchmarks/[!_]*.py); do echo "$$script"; $(PY) "$$script" || exit 1; done
 
 lock: ## resolve requirements.lock anew, for every supported Python and system
 	@sh scripts/environment.sh venv

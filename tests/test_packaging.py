@@ -74,7 +74,8 @@ def test_sdist_holds_what_a_build_and_a_test_run_need(distributions: Path) -> No
     (path,) = distributions.glob("*.tar.gz")
     with tarfile.open(path) as archive:
         held = {name.split("/", 1)[1] for name in archive.getnames()}
-    assert {"pyproject.toml", "README.md", "LICENSE", "tests/test_packaging.py", "assets/icon.svg"} <= held
+    needed = {"Makefile", "pyproject.toml", "requirements.lock", "scripts/environment.sh", "assets/icon.svg"}
+    assert needed | {"README.md", "LICENSE", "tests/test_packaging.py"} <= held
 
 
 def test_installed_wheel_runs_outside_the_checkout(wheel: Path, tmp_path: Path) -> None:
