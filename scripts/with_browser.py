@@ -105,9 +105,7 @@ def main(command: list[str]) -> int:
     os.environ.setdefault("PLAYWRIGHT_NODEJS_PATH", str(NODE))
     browser = working_browser()
     if browser is None:
-        say(
-            "error: the browser tests need Chromium or Chrome: install one, or set PFVIZ_CHROMIUM to its path"
-        )
+        say("error: the browser tests need Chromium or Chrome: install one, or set PFVIZ_CHROMIUM to its path")
         return 1
     os.environ["PFVIZ_CHROMIUM"] = browser
     return subprocess.call([sys.executable, *command])

@@ -30,9 +30,7 @@ def module_name(path: Path, base: Path) -> str:
     return ".".join(parts[:-1] if parts[-1] == "__init__" else parts)
 
 
-FILES = {
-    module_name(path, base): path for base in (ROOT / "src", ROOT / "app") for path in base.rglob("*.py")
-}
+FILES = {module_name(path, base): path for base in (ROOT / "src", ROOT / "app") for path in base.rglob("*.py")}
 
 
 def part_of(module: str) -> str:

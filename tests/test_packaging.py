@@ -61,11 +61,7 @@ def test_wheel_holds_library_app_and_assets_and_nothing_else(wheel: Path) -> Non
 
 def test_wheel_names_its_command_and_licence(wheel: Path) -> None:
     with zipfile.ZipFile(wheel) as archive:
-        read = {
-            Path(name).name: archive.read(name).decode()
-            for name in archive.namelist()
-            if ".dist-info/" in name
-        }
+        read = {Path(name).name: archive.read(name).decode() for name in archive.namelist() if ".dist-info/" in name}
     assert "pfviz = pfviz_app.cli:main" in read["entry_points.txt"]
     assert read["LICENSE"].startswith("MIT License")
 
@@ -100,9 +96,7 @@ def test_installed_wheel_runs_outside_the_checkout(wheel: Path, tmp_path: Path) 
     # Dependencies come from this environment; its editable install does not: a .pth reads no further .pth.
     (site / "dependencies.pth").write_text(sysconfig.get_path("purelib"), encoding="utf-8")
 
-    show = (
-        "import pfviz, pfviz_app.assets_dir as a; print(pfviz.__file__); print(a.assets_path() / 'icon.svg')"
-    )
+    show = "import pfviz, pfviz_app.assets_dir as a; print(pfviz.__file__); print(a.assets_path() / 'icon.svg')"
     for found in run(new_python, "-c", show, cwd=tmp_path).splitlines():
         assert Path(found).is_relative_to(site)
         assert Path(found).is_file()
