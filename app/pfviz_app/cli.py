@@ -87,27 +87,19 @@ def build_parser() -> argparse.ArgumentParser:
 
 def _add_filter_options(command: argparse.ArgumentParser, default_particles: int | None) -> None:
     filter_name = known(FILTERS, "filter")
-    command.add_argument(
-        "--filter", type=filter_name, default="rb-ss-hs-sir", metavar="NAME", help="`pfviz filters`"
-    )
+    command.add_argument("--filter", type=filter_name, default="rb-ss-hs-sir", metavar="NAME", help="`pfviz filters`")
     command.add_argument("--particles", type=particles, default=default_particles, metavar="N")
     command.add_argument("--seed", type=seed, default=0, metavar="S")
 
 
 def _add_serve(commands: Any) -> None:
     serve = commands.add_parser("serve", help="open the app in the browser (the default command)")
-    serve.add_argument(
-        "--host", default="127.0.0.1", help="address to listen on (default: this machine only)"
-    )
-    serve.add_argument(
-        "--port", type=whole_number(1, 65535), default=None, help="default: 8080, or the next free one"
-    )
+    serve.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
+    serve.add_argument("--port", type=whole_number(1, 65535), default=None, help="default: 8080, or the next free one")
     serve.add_argument(
         "--world", type=known(WORLDS, "world"), default="figure-1", metavar="NAME", help="`pfviz worlds`"
     )
-    serve.add_argument(
-        "--video", default="scene:twin", metavar="SOURCE", help="a file, camera:N or scene:NAME"
-    )
+    serve.add_argument("--video", default="scene:twin", metavar="SOURCE", help="a file, camera:N or scene:NAME")
     serve.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
     serve.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F")
     _add_filter_options(serve, None)
@@ -119,9 +111,7 @@ def _add_toy(commands: Any) -> None:
     toy.add_argument("--world", type=known(WORLDS, "world"), default="linear-gaussian", metavar="NAME")
     _add_filter_options(toy, 100)
     toy.add_argument("--steps", type=whole_number(1, 1_000_000), default=20, metavar="T")
-    toy.add_argument(
-        "--repeat", type=whole_number(1, 1_000_000), default=1, metavar="R", help="seeds S, S+1, ..."
-    )
+    toy.add_argument("--repeat", type=whole_number(1, 1_000_000), default=1, metavar="R", help="seeds S, S+1, ...")
     toy.add_argument("--json", action="store_true", help="JSON Lines on stdout instead of a table")
 
 
@@ -135,9 +125,7 @@ def _add_track(commands: Any) -> None:
     track.add_argument("--model", default=None, metavar="NAME", help="the measurement model")
     _add_filter_options(track, 400)
     track.add_argument("--csv", default=None, metavar="OUT.csv", help="one row a frame")
-    track.add_argument(
-        "--output", default=None, metavar="OUT.mp4", help="the video with the particles drawn on it"
-    )
+    track.add_argument("--output", default=None, metavar="OUT.mp4", help="the video with the particles drawn on it")
     track.add_argument("--json", action="store_true", help="JSON Lines on stdout, one a frame")
 
 

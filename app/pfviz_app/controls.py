@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import fields
 from typing import Any
 
@@ -12,7 +13,8 @@ from pfviz_app.commands import Command, Play, Reset, Seek, Set, Step
 from pfviz_app.explanations import explanation, legend
 from pfviz_app.plots import Plots
 from pfviz_app.session import Picture
-from pfviz_app.settings import CONTROLS, Control, Settings
+from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings
+from pfviz_app.stage.layout import NARROW
 
 Post = Callable[[Command], None]
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
@@ -96,18 +98,16 @@ class Controls:
         moves = gui.add_button_group("", (_BACK, _STEP, _RESET))
         commands: dict[str, Command] = {_BACK: Step(-1), _STEP: Step(1), _RESET: Reset()}
         moves.on_click(lambda _: self._post(commands[moves.value]))
-        self._time = gui.add_slider(
-            "Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far"
-        )
+        self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
         self._time.on_update(lambda event: self._post(Seek(self._time.value)) if event.client else None)
         self._status = gui.add_markdown("Paused")
-        folded = [control for control in CONTROLS.values() if control.folded]
-        for control in CONTROLS.values():
-            if not control.folded:
-                self._add(control, settings)
-        with gui.add_folder("More", expand_by_default=False):
-            for control in folded:
-                self._add(control, settings)
+        narrow = self._client.camera.image_width < NARROW
+        for group in GROUPS:
+            members = [control for control in CONTROLS.values() if control.group == group]
+            folder = gui.add_folder(group, expand_by_default=group != "More" and not narrow) if group else nullcontext()
+            with folder:
+                for control in members:
+                    self._add(control, settings)
 
     def _add(self, control: Control, settings: Settings) -> None:
         gui, field = self._client.gui, control.field

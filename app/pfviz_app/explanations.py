@@ -56,7 +56,5 @@ def legend(dark: bool) -> str:
         f'<span style="width:12px;height:12px;border-radius:6px;flex:none;background:rgb{colour}"></span>{text}</div>'
         for colour, text in rows
     )
-    note = (
-        '<div style="margin-top:6px;opacity:.75">The stronger a dot or a line, the larger its weight.</div>'
-    )
+    note = '<div style="margin-top:6px;opacity:.75">The stronger a dot or a line, the larger its weight.</div>'
     return f'<div style="font-size:12.5px;line-height:1.35;padding:0 12px 10px">{items}{note}</div>'

@@ -117,14 +117,10 @@ def prepare_video(source: str, box: tuple[float, float, float, float] | None, st
         try:
             image = video.read(start_frame)
         except IndexError:
-            raise VideoError(
-                f"--start-frame {start_frame}: {video.name} has {video.frame_count} frames"
-            ) from None
+            raise VideoError(f"--start-frame {start_frame}: {video.name} has {video.frame_count} frames") from None
         box = box or suggested_box(video, start_frame)
         if box is None:
-            raise VideoError(
-                f"{video.name}: where is the object? Give --box x,y,w,h in pixels of frame {start_frame}"
-            )
+            raise VideoError(f"{video.name}: where is the object? Give --box x,y,w,h in pixels of frame {start_frame}")
         model = learn_tracker(image, box, frame_rate=video.frame_rate)
         title = f"Video: {video.name}"
     return VideoSetup(partial(open_source, source), model, start_frame, title)

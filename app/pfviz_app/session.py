@@ -236,7 +236,5 @@ class Session:
 
     def _draw(self) -> None:
         self._view.draw(
-            Picture(
-                self._settings, self._toy, self._tracker, self._t, self._last, self._playing, self._message
-            )
+            Picture(self._settings, self._toy, self._tracker, self._t, self._last, self._playing, self._message)
         )

@@ -55,7 +55,7 @@ class Control:
         high: of a slider.
         step: of a slider; a whole number makes the setting one.
         choices: of a choice, value and label.
-        folded: whether it is kept in the folded part.
+        group: the folder it is in; the empty one is always open.
     """
 
     field: str
@@ -66,7 +66,7 @@ class Control:
     high: float = 1.0
     step: float = 1.0
     choices: tuple[tuple[str, str], ...] = ()
-    folded: bool = False
+    group: str = "Tune"
 
     def checked(self, value: Any) -> Any:
         """``value`` as the setting needs it, rounded to the slider's type.
@@ -95,8 +95,8 @@ def _choices(infos: Any) -> tuple[tuple[str, str], ...]:
 
 
 _CONTROLS = (
-    Control("filter", "Filter", "Runs in both rooms", "choice", choices=_choices(FILTERS.values())),
-    Control("world", "Toy world", "The world on the left", "choice", choices=_choices(WORLDS.values())),
+    Control("filter", "Filter", "Runs in both rooms", "choice", choices=_choices(FILTERS.values()), group=""),
+    Control("world", "Toy world", "The world on the left", "choice", choices=_choices(WORLDS.values()), group=""),
     Control("toy_particles", "Particles, toy", "How many hypotheses in the toy", "slider", 1, 1000),
     Control("tracker_particles", "Particles, video", "How many hypotheses in the tracker", "slider", 1, 2000),
     Control(
@@ -126,7 +126,7 @@ _CONTROLS = (
         4,
         0.05,
     ),
-    Control("speed", "Steps per second", "While playing", "slider", 0.5, 30, 0.5),
+    Control("speed", "Steps / second", "While playing", "slider", 0.5, 30, 0.5),
     Control("seed", "Seed", "Equal seeds, equal films", "slider", 0, 999),
     Control(
         "pane",
@@ -134,6 +134,7 @@ _CONTROLS = (
         "Which room",
         "choice",
         choices=(("both", "both rooms"), ("toy", "the toy"), ("tracker", "the video")),
+        group="",
     ),
     Control(
         "arrows",
@@ -142,10 +143,11 @@ _CONTROLS = (
         "slider",
         0,
         600,
-        folded=True,
+        group="More",
     ),
-    Control("truth", "Show the truth", "Where it is known", "switch", folded=True),
-    Control("exact", "Show the exact posterior", "Where it is known", "switch", folded=True),
-    Control("dark", "Dark", "Light on dark", "switch", folded=True),
+    Control("truth", "Show the truth", "Where it is known", "switch", group="More"),
+    Control("exact", "Show the exact posterior", "Where it is known", "switch", group="More"),
+    Control("dark", "Dark colours", "Light on dark", "switch", group="More"),
 )
+GROUPS = ("", "Tune", "More")
 CONTROLS: dict[str, Control] = {control.field: control for control in _CONTROLS}

@@ -1,8 +1,8 @@
 """A drawing board on top of viser's scene: draw in pixels, by name, again and again.
 
-A node is created when its name is first drawn and only updated afterwards; what was not drawn since ``begin`` is hidden by
-``finish``. The board lies in a plane that the camera looks at squarely through a small field of view, so one unit of the
-scene is one pixel of the canvas. It can still be orbited.
+A node is created when its name is first drawn and only updated afterwards; what was not drawn since ``begin`` is
+hidden by ``finish``. The board lies in a plane that the camera looks at squarely through a small field of view, so one
+unit of the scene is one pixel of the canvas. It can still be orbited.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import viser
 from numpy.typing import ArrayLike, NDArray
 
 from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.lettering import lettered
 from pfviz_app.stage.palette import Colours, Rgb, blend
 
 _ROOT = "/board"
@@ -21,17 +22,8 @@ _FIELD_OF_VIEW = 0.12
 _UPRIGHT = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
 _THICKNESSES = (1.0, 1.5, 2.2, 3.2)
 _SIZES = (0.5, 0.75, 1.0, 1.4)
-Anchor = Literal[
-    "top-left",
-    "top-center",
-    "top-right",
-    "center-left",
-    "center-center",
-    "center-right",
-    "bottom-left",
-    "bottom-center",
-    "bottom-right",
-]
+_TEXT_DEPTH = 30.0
+Anchor = Literal["left", "centre", "right"]
 
 
 class Board:
@@ -108,9 +100,7 @@ class Board:
 
         A strength of 0 has the colour ``weakest``, by default one close to the background.
         """
-        if weakest is None:
-            r, g, b = blend(self.background, colour, 0.12).tolist()
-            weakest = (r, g, b)
+        weakest = self._pale(colour, 0.12) if weakest is None else weakest
         points, strength = np.asarray(points, dtype=float), np.asarray(strengths, dtype=float)
         bins = _bin(strength, len(_THICKNESSES))
         for i, thickness in enumerate(_THICKNESSES):
@@ -145,34 +135,39 @@ class Board:
         colour: Rgb,
         size: float = 8.0,
         depth: float = 0.0,
+        weakest: Rgb | None = None,
     ) -> None:
-        """Discs whose ``strengths (n,)`` from 0 to 1 are shown by colour and size together."""
+        """Discs whose ``strengths (n,)`` from 0 to 1 are shown by colour and size together.
+
+        A strength of 0 has the colour ``weakest``, by default one close to the background.
+        """
+        weakest = self._pale(colour, 0.25) if weakest is None else weakest
         points, strength = np.asarray(points, dtype=float), np.asarray(strengths, dtype=float)
         bins = _bin(strength, len(_SIZES))
         for i, factor in enumerate(_SIZES):
             chosen = bins == i
             if chosen.any():
-                colours = blend(self.background, colour, 0.25 + 0.75 * strength[chosen])
+                colours = blend(weakest, colour, strength[chosen])
                 self.points(f"{name}/{i}", points[chosen], colours, size * factor, depth + i)
 
     def text(
-        self, name: str, text: str, x: float, y: float, anchor: Anchor = "center-left", scale: float = 1.0
+        self,
+        name: str,
+        text: str,
+        x: float,
+        y: float,
+        colour: Rgb,
+        anchor: Anchor = "left",
+        size: float = 12.5,
+        bold: bool = False,
     ) -> None:
-        """A label at a pixel, of constant size on the screen."""
-        node = self._draw(
-            name,
-            self._scene.add_label,
-            text=text,
-            anchor=anchor,
-            font_screen_scale=scale,
-            font_size_mode="screen",
-        )
-        position = (x, -y, 60.0)
-        if not np.array_equal(node.position, position):
-            node.position = position
+        """One line of text, its middle at height ``y`` and its ``anchor`` at ``x``."""
+        picture, width, height = lettered(text, size, colour, bold)
+        left = x - {"left": 0.0, "centre": width / 2.0, "right": width}[anchor]
+        self.image(name, picture, Rect(left, y - height / 2.0, width, height), _TEXT_DEPTH)
 
     def image(self, name: str, image: NDArray[np.uint8], rect: Rect, depth: float = -12.0) -> None:
-        """An RGB image that fills ``rect``."""
+        """An RGB or RGBA image that fills ``rect``."""
         node = self._nodes.get(name)
         self._drawn.add(name)
         x, y = rect.centre
@@ -183,8 +178,8 @@ class Board:
                 image,
                 rect.width,
                 rect.height,
-                format="jpeg",
-                jpeg_quality=80,
+                format="jpeg" if image.shape[2] == 3 else "png",
+                jpeg_quality=85,
                 cast_shadow=False,
                 receive_shadow=False,
                 wxyz=(0.0, 1.0, 0.0, 0.0),
@@ -199,6 +194,10 @@ class Board:
             node.render_width, node.render_height = rect.width, rect.height
         if not np.array_equal(node.position, position):
             node.position = position
+
+    def _pale(self, colour: Rgb, strength: float) -> Rgb:
+        r, g, b = blend(self.background, colour, strength).tolist()
+        return r, g, b
 
     def _draw(self, name: str, create: Any, **props: Any) -> Any:
         """Create the node, or update those of its properties that have changed."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 NARROW = 600
-_SHEET = 300
+_SHEET = 385
 _MARGIN = 18
 _GAP = 26
 
@@ -49,7 +49,7 @@ def arrange(width: float, height: float, pane: Literal["both", "toy", "tracker"]
     On a phone there is one room at a time, above the sheet of controls.
     """
     narrow = width < NARROW and height > width
-    free = Rect(0, 0, width, height - (min(_SHEET, 0.4 * height) if narrow else 0)).inset(*[_MARGIN] * 4)
+    free = Rect(0, 0, width, height - (min(_SHEET, 0.5 * height) if narrow else 0)).inset(*[_MARGIN] * 4)
     if narrow and pane == "both":
         pane = "toy"
     if pane != "both":

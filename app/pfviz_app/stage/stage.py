@@ -12,7 +12,8 @@ from pfviz_app.room import Room
 from pfviz_app.session import Picture
 from pfviz_app.stage.board import Board
 from pfviz_app.stage.layout import Rect, arrange
-from pfviz_app.stage.palette import DARK, LIGHT
+from pfviz_app.stage.lettering import fitted
+from pfviz_app.stage.palette import DARK, LIGHT, Palette
 from pfviz_app.stage.toy_1d import Toy1d
 from pfviz_app.stage.toy_2d import Toy2d
 from pfviz_app.stage.tracker import TrackerStage
@@ -44,18 +45,19 @@ class Stage:
             self.board.begin(palette.background)
             if "toy" in rooms:
                 rect, film = rooms["toy"], picture.toy.film
-                self._title("toy", rect, film.world.title, _facts(picture, picture.toy, ""))
+                self._title("toy", rect, film.world.title, _facts(picture, picture.toy, ""), palette)
                 toy = self._toys[film.world.model.dynamics.dimension]
                 toy.draw(rect.inset(0, _TITLE, 0, 0), picture, palette)
             if "tracker" in rooms:
                 rect, film = rooms["tracker"], picture.tracker.film
-                self._title("tracker", rect, film.setup.title, _facts(picture, picture.tracker, " px"))
+                self._title("tracker", rect, film.setup.title, _facts(picture, picture.tracker, " px"), palette)
                 self._tracker.draw(rect.inset(0, _TITLE, 0, 0), picture, palette)
             self.board.finish()
 
-    def _title(self, room: str, rect: Rect, title: str, facts: str) -> None:
-        self.board.text(f"{room}/title", title, rect.x, rect.y, "top-left", 1.25)
-        self.board.text(f"{room}/facts", facts, rect.x, rect.y + 24, "top-left")
+    def _title(self, room: str, rect: Rect, title: str, facts: str, palette: Palette) -> None:
+        ink, width = palette.ink, rect.width
+        self.board.text(f"{room}/title", fitted(title, 15, width, True), rect.x, rect.y + 10, ink, size=15, bold=True)
+        self.board.text(f"{room}/facts", fitted(facts, 12.5, width), rect.x, rect.y + 32, ink)
 
 
 def _facts(picture: Picture, room: Room[Any], unit: str) -> str:

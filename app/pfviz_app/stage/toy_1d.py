@@ -12,7 +12,7 @@ from pfviz_app.session import Picture
 from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
-from pfviz_app.stage.palette import Palette
+from pfviz_app.stage.palette import Palette, Rgb
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000
@@ -36,11 +36,12 @@ class Toy1d:
         self._board = board
         self._plot = Rect(0, 0, 1, 1)
         self._extent = 1.0
+        self._gutter = 0.0
 
     def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
         film = picture.toy.film
-        gutter = 84 if rect.width > 330 else 8
-        self._plot, self._extent = rect.inset(gutter, 14, 6, 6), film.world.extent
+        self._gutter = 92.0 if rect.width > 330 else 4.0
+        self._plot, self._extent = rect.inset(self._gutter, 14, 6, 6), film.world.extent
         if picture.t == 0:
             self._start(picture.toy.trace.initial, palette)
             return
@@ -73,36 +74,39 @@ class Toy1d:
         """``(n, 2, 2)``: lines from row to row."""
         return np.stack([self._at(upper, upper_row), self._at(lower, lower_row)], axis=1)
 
-    def _line(self, row: str, text: str, palette: Palette) -> None:
+    def _line(self, row: str, text: str, colour: Rgb, palette: Palette) -> None:
+        """A row's axis, and its name in the colour of what lies on it."""
         y = self._y(row)
         ends = [[[self._plot.x, y], [self._plot.right, y]]]
         self._board.segments(f"toy/line/{row}", ends, palette.faint, 1.0, -6.0)
-        left = self._plot.x - 84 if self._plot.x >= 84 else self._plot.x
+        beside = self._gutter > 40
         self._board.text(
-            f"toy/label/{row}", text, left, y, "center-left" if self._plot.x >= 84 else "bottom-left"
+            f"toy/label/{row}",
+            text,
+            self._plot.x - self._gutter if beside else self._plot.x,
+            y if beside else y - 9,
+            colour,
         )
 
     def _start(self, particles: ParticleSet, palette: Palette) -> None:
         self._before(particles, palette)
         x, y = self._plot.x + self._plot.width / 2, self._y("proposed")
-        self._board.text("toy/hint", "the prior at t = 0: press Play or Step", x, y, "center-center", 1.1)
+        self._board.text("toy/hint", "the prior at t = 0: press Play or Step", x, y, palette.ink, "centre")
 
     def _before(self, particles: ParticleSet, palette: Palette) -> None:
         strengths = _relative(particles.weights)
         newer = particles.states[:, 0, 0]
-        self._line("newer", "state qₜ", palette)
+        self._line("newer", "state qₜ", palette.history, palette)
         if particles.order > 1:
             older = particles.states[:, 1, 0]
-            self._line("older", "history qₜ₋₁", palette)
+            self._line("older", "history qₜ₋₁", palette.history, palette)
             some = sample_evenly(len(particles), _MOST_LINES)
             lines = self._between(older[some], "older", newer[some], "newer")
             self._board.weighted_segments("toy/pairs", lines, strengths[some], palette.history, -3.0)
             self._dots("toy/older", older, strengths, "older", palette.history)
         self._dots("toy/newer", newer, strengths, "newer", palette.history)
 
-    def _dots(
-        self, name: str, values: FloatArray, strengths: FloatArray, row: str, colour: tuple[int, int, int]
-    ) -> None:
+    def _dots(self, name: str, values: FloatArray, strengths: FloatArray, row: str, colour: Rgb) -> None:
         some = sample_evenly(len(values), _MOST_POINTS)
         size = float(np.clip(12.0 - 2.0 * np.log10(len(values) / 24.0), 6.0, 12.0))
         self._board.weighted_points(name, self._at(values[some], row), strengths[some], colour, size, 4.0)
@@ -127,24 +131,20 @@ class Toy1d:
         values = _proposed_values(record)
         self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
         if record.stage("propose") is None:
-            self._line("proposed", "x ~ p(x|qₜ)", palette)
+            self._line("proposed", "x ~ p(x|qₜ)", palette.proposal, palette)
             return
-        self._line("proposed", "innovation u", palette)
-        self._line("proposal", "π(u|y)", palette)
+        self._line("proposed", "u ~ π(u|y)", palette.proposal, palette)
+        self._line("proposal", "π(u|y)", palette.proposal, palette)
         density = np.exp(model.proposal(record.observation).log_density(self._grid[:, None]))
         self._curve("toy/proposal", density / density.max(), "proposal", palette.proposal)
 
     def _likelihood(self, record: StepRecord, model: ToyModel, palette: Palette) -> None:
-        self._line("likelihood", "p(y|u)", palette)
+        self._line("likelihood", "p(y|u)", palette.likelihood, palette)
         log_likelihood = model.log_likelihood(self._grid[:, None], record.observation)
-        self._curve(
-            "toy/likelihood", np.exp(log_likelihood - log_likelihood.max()), "likelihood", palette.likelihood
-        )
+        self._curve("toy/likelihood", np.exp(log_likelihood - log_likelihood.max()), "likelihood", palette.likelihood)
         seen = np.atleast_1d(record.observation).ravel()
         x, y = self._x(seen), self._y("likelihood")
-        ticks = np.stack(
-            [np.stack([x, np.full(len(x), y - 5)], 1), np.stack([x, np.full(len(x), y + 5)], 1)], axis=1
-        )
+        ticks = np.stack([np.stack([x, np.full(len(x), y - 5)], 1), np.stack([x, np.full(len(x), y + 5)], 1)], axis=1)
         self._board.segments("toy/observation", ticks, palette.likelihood, 3.0, 2.0)
 
     def _after(self, record: StepRecord, palette: Palette) -> None:
@@ -154,8 +154,8 @@ class Toy1d:
         strengths = _relative(particles.weights)
         older = record.previous.states[np.maximum(histories, 0), 0, 0]
         newer = particles.states[:, 0, 0]
-        self._line("history", "history qₜ", palette)
-        self._line("state", "state qₜ₊₁", palette)
+        self._line("history", "history qₜ", palette.posterior, palette)
+        self._line("state", "state qₜ₊₁", palette.posterior, palette)
         some = sample_evenly(len(particles), _MOST_LINES)
         lines = self._between(older[some], "history", newer[some], "state")
         self._board.weighted_segments("toy/new", lines, strengths[some], palette.posterior, 0.0)
@@ -163,7 +163,7 @@ class Toy1d:
         self._dots("toy/state", newer, strengths, "state", palette.posterior)
 
     def _posterior(self, particles: ParticleSet, exact: KalmanStep | None, palette: Palette) -> None:
-        self._line("posterior", "posterior", palette)
+        self._line("posterior", "posterior", palette.posterior, palette)
         smoothed = smoothed_density(particles, self._grid)
         curves = [("toy/posterior", smoothed, palette.posterior)]
         if exact is not None:
@@ -178,7 +178,7 @@ class Toy1d:
         self._tick("toy/truth/state", value, "state", palette.truth, 9)
         self._tick("toy/truth", value, "posterior", palette.truth, 13)
 
-    def _tick(self, name: str, value: float, row: str, colour: tuple[int, int, int], reach: float) -> None:
+    def _tick(self, name: str, value: float, row: str, colour: Rgb, reach: float) -> None:
         x, y = float(self._x(np.array([value]))[0]), self._y(row)
         self._board.segments(name, [[[x, y - reach], [x, y + reach]]], colour, 3.5, 8.0)
 
@@ -186,9 +186,7 @@ class Toy1d:
     def _grid(self) -> FloatArray:
         return np.linspace(-self._extent, self._extent, 161)
 
-    def _curve(
-        self, name: str, heights: FloatArray, row: str, colour: tuple[int, int, int], reach: float = _CURVE
-    ) -> None:
+    def _curve(self, name: str, heights: FloatArray, row: str, colour: Rgb, reach: float = _CURVE) -> None:
         """A curve of ``heights`` from 0 to 1 that stands on a row."""
         y = self._y(row) - self._plot.height * reach * heights
         self._board.polyline(name, np.stack([self._x(self._grid), y], axis=1), colour, 2.2, 1.0)

@@ -41,7 +41,7 @@ class Toy2d:
         if picture.t == 0:
             self._before(picture.toy.trace.initial, film.world.extent, palette)
             self._board.text(
-                "toy/hint", "the prior at t = 0: press Play or Step", *self._plot.centre, "center-center", 1.1
+                "toy/hint", "the prior at t = 0: press Play or Step", *self._plot.centre, palette.ink, "centre"
             )
             return
         record = picture.toy.trace[picture.t]
@@ -61,14 +61,14 @@ class Toy2d:
         y = self._plot.y + self._plot.height * _FLOORS[floor] - rise * np.sin(_TILT)
         return np.stack([x, y, -rise * np.cos(_TILT)], axis=-1)
 
-    def _floor(self, floor: str, text: str, extent: float, palette: Palette) -> None:
+    def _floor(self, floor: str, text: str, colour: Rgb, extent: float, palette: Palette) -> None:
         corners = extent * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         placed = self._at(corners, floor)
         self._board.polyline(f"toy/floor/{floor}", placed, palette.faint, 1.2, -4.0, closed=True)
-        self._board.text(f"toy/label/{floor}", text, placed[3, 0], placed[3, 1] - 2, "bottom-left")
+        self._board.text(f"toy/label/{floor}", text, placed[3, 0], placed[3, 1] - 9, colour)
 
     def _before(self, particles: ParticleSet, extent: float, palette: Palette) -> None:
-        self._floor("before", "states qₜ, with their histories qₜ₋₁", extent, palette)
+        self._floor("before", "states qₜ, with their histories qₜ₋₁", palette.history, extent, palette)
         self._set(
             "toy/before",
             particles,
@@ -101,9 +101,7 @@ class Toy2d:
         made = made_links(record, min(count, _MOST_LINES))
         if len(made.sources):
             lines = np.stack([before[made.sources], proposed[made.targets]], axis=1)
-            self._board.weighted_segments(
-                "toy/made", lines, made.strengths, palette.proposal, 0.0, palette.faint
-            )
+            self._board.weighted_segments("toy/made", lines, made.strengths, palette.proposal, 0.0, palette.faint)
             if len(lines) <= 60:
                 self._board.segments("toy/heads", arrow_heads(lines[..., :2]), palette.proposal, 1.2, 0.5)
 
@@ -111,9 +109,9 @@ class Toy2d:
         values = _proposed(record)
         self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
         if record.stage("propose") is None:
-            self._floor("proposed", "x ~ p(x|qₜ)", extent, palette)
+            self._floor("proposed", "x ~ p(x|qₜ)", palette.proposal, extent, palette)
         else:
-            self._floor("proposed", "innovations u, drawn from π(u|y)", extent, palette)
+            self._floor("proposed", "innovations u, drawn from π(u|y)", palette.proposal, extent, palette)
             proposal = model.proposal(record.observation)
             bumps = [proposal.covariance * s**2 for s in (1.0, 2.0)]
             rings = [ellipse(Gaussian(mean, c)) for mean in proposal.means for c in bumps]
@@ -121,16 +119,14 @@ class Toy2d:
         seen = np.atleast_2d(record.observation)
         crosses = self._at(np.concatenate([seen + 0.09 * _CIRCLE[[i]] for i in (5, 15, 25, 35)]), "proposed")
         n = len(seen)
-        lines = np.concatenate(
-            [np.stack([crosses[i * n :][:n], crosses[(i + 2) * n :][:n]], axis=1) for i in (0, 1)]
-        )
+        lines = np.concatenate([np.stack([crosses[i * n :][:n], crosses[(i + 2) * n :][:n]], axis=1) for i in (0, 1)])
         self._board.segments("toy/observation", lines, palette.likelihood, 3.0, 6.0)
 
     def _after(self, record: StepRecord, extent: float, palette: Palette) -> None:
         stage = record.stage("weight")
         particles = stage.particles if stage else record.posterior
         histories = stage.histories if stage and stage.histories is not None else record.histories
-        self._floor("after", "new states qₜ₊₁, strength = weight", extent, palette)
+        self._floor("after", "new states qₜ₊₁, strength = weight", palette.posterior, extent, palette)
         older = record.previous.innovation[np.maximum(histories, 0)]
         self._set("toy/after", particles, older, "after", palette.posterior)
         self._cross("toy/estimate", record.estimate, palette.posterior)

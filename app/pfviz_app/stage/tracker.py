@@ -13,11 +13,13 @@ from pfviz_app.session import Picture
 from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import sample_evenly
-from pfviz_app.stage.palette import Palette
+from pfviz_app.stage.palette import LIGHT, Palette
 
 _CONTOURS = 14
 _MOST_POINTS = 1000
 _DARK, _BRIGHT = (10, 10, 14), (255, 255, 255)
+_ON_IMAGE = LIGHT
+_WEAK = (222, 224, 226)
 _CLOSE_UP_PIXELS = 420
 
 
@@ -64,12 +66,12 @@ class TrackerStage:
         close = self._close_up(rect, whole.rect, estimate, image)
         self._border(close, whole, palette)
         self._particles(record.posterior, model, close)
-        self._arrows(picture, close, palette)
+        self._arrows(picture, close)
         for name, window in (("frame", whole), ("close", close)):
             self._outline(f"tracker/{name}/expected", window, model, estimate.state)
         truth = film.truth(t)
         if truth is not None and picture.settings.truth:
-            self._truth(truth, close, palette)
+            self._truth(truth, close)
 
     def _frame_rect(self, rect: Rect, aspect: float) -> Rect:
         return Rect(rect.x, rect.y, rect.width, 0.46 * rect.height).fitted(aspect)
@@ -78,11 +80,7 @@ class TrackerStage:
         """The frame as RGB, at most 640 pixels wide; the same array for the same frame."""
         if self._frame is None or self._frame[0] != id(image):
             shrink = min(1.0, 640.0 / image.shape[1])
-            small = (
-                cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA)
-                if shrink < 1
-                else image
-            )
+            small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
             self._frame = (id(image), np.ascontiguousarray(small[..., ::-1]))
         return self._frame[1]
 
@@ -122,7 +120,7 @@ class TrackerStage:
         low, high = outlines.min(axis=1), outlines.max(axis=1)
         return (low[:, 0] >= r.x) & (low[:, 1] >= r.y) & (high[:, 0] <= r.right) & (high[:, 1] <= r.bottom)
 
-    def _arrows(self, picture: Picture, close: Window, palette: Palette) -> None:
+    def _arrows(self, picture: Picture, close: Window) -> None:
         """From where each particle's history was to where it is now."""
         record = picture.tracker.trace[picture.t]
         stage = record.stage("weight")
@@ -135,9 +133,9 @@ class TrackerStage:
         if not len(shown):
             return
         size = float(np.clip(9.0 - 1.5 * np.log10(len(particles) / 100.0), 4.5, 9.0))
-        colour = palette.posterior
+        green, blue = _ON_IMAGE.posterior, _ON_IMAGE.history
         self._board.weighted_points(
-            "tracker/close/centres", close(centres[shown]), weights[shown], colour, size, 6.0
+            "tracker/close/centres", close(centres[shown]), weights[shown], green, size, 6.0, _WEAK
         )
         drawn = shown[histories[shown] >= 0]
         before = record.previous.innovation[histories[drawn], :2]
@@ -146,11 +144,9 @@ class TrackerStage:
         if not len(order):
             return
         lines = np.stack([close(before[order]), close(centres[drawn[order]])], axis=1)
-        self._board.weighted_segments(
-            "tracker/close/arrows", lines, weights[drawn[order]], palette.history, 3.0
-        )
+        self._board.weighted_segments("tracker/close/arrows", lines, weights[drawn[order]], blue, 3.0, _WEAK)
         if len(lines) <= 40:
-            self._board.segments("tracker/close/heads", arrow_heads(lines, 6.0), palette.history, 1.2, 4.0)
+            self._board.segments("tracker/close/heads", arrow_heads(lines, 6.0), blue, 1.2, 4.0)
 
     def _outline(self, name: str, window: Window, model: TrackerModel, state: FloatArray) -> None:
         """The expected contour: white with a dark rim."""
@@ -158,9 +154,9 @@ class TrackerStage:
         self._board.polyline(f"{name}/rim", outline, _DARK, 4.6, 8.0, closed=True)
         self._board.polyline(name, outline, _BRIGHT, 2.4, 9.0, closed=True)
 
-    def _truth(self, truth: TrackEstimate, close: Window, palette: Palette) -> None:
+    def _truth(self, truth: TrackEstimate, close: Window) -> None:
         centre = np.array([[truth.x, truth.y]])
         if close.holds(centre)[0]:
             x, y = close(centre)[0]
             ticks = [[[x - 9, y], [x + 9, y]], [[x, y - 9], [x, y + 9]]]
-            self._board.segments("tracker/close/truth", ticks, palette.truth, 3.5, 12.0)
+            self._board.segments("tracker/close/truth", ticks, _ON_IMAGE.truth, 3.5, 12.0)
