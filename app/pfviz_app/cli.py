@@ -159,9 +159,9 @@ def _toy(options: argparse.Namespace) -> None:
 
 
 def _track(options: argparse.Namespace) -> None:
-    from pfviz_app.commands_track import track
+    from pfviz_app.commands_track import run_track
 
-    track(options)
+    run_track(options)
 
 
 def _worlds(options: argparse.Namespace) -> None:

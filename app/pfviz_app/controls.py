@@ -140,7 +140,7 @@ class Controls:
             ("Play or pause", "space", Play()),
             ("Step", "arrowright", Step(1)),
             ("Step back", "arrowleft", Step(-1)),
-            ("Reset", "r", Reset()),
+            ("Reset", "R", Reset()),
         )
         for label, key, command in keys:
             handle = self._client.gui.add_command(label, hotkey=key)

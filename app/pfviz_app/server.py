@@ -14,8 +14,7 @@ from functools import partial
 import viser
 
 from pfviz import kernels
-from pfviz.vision.tracker import learn_tracker
-from pfviz.vision.video import VideoError, open_source, suggested_box
+from pfviz.vision.video import open_source
 from pfviz.worlds import get_world
 from pfviz_app.commands import Resize
 from pfviz_app.controls import Controls
@@ -23,6 +22,7 @@ from pfviz_app.films import VideoSetup
 from pfviz_app.session import Picture, Session
 from pfviz_app.settings import Settings
 from pfviz_app.stage.stage import Stage
+from pfviz_app.start_box import learn_from_start
 
 log = logging.getLogger(__name__)
 _DEFAULT_PORT = 8080
@@ -114,14 +114,7 @@ def prepare_video(source: str, box: tuple[float, float, float, float] | None, st
         ValueError: if the video cannot be read, has no such frame, or the box is missing or outside the frame.
     """
     with open_source(source) as video:
-        try:
-            image = video.read(start_frame)
-        except IndexError:
-            raise VideoError(f"--start-frame {start_frame}: {video.name} has {video.frame_count} frames") from None
-        box = box or suggested_box(video, start_frame)
-        if box is None:
-            raise VideoError(f"{video.name}: where is the object? Give --box x,y,w,h in pixels of frame {start_frame}")
-        model = learn_tracker(image, box, frame_rate=video.frame_rate)
+        model = learn_from_start(video, box, start_frame)
         title = f"Video: {video.name}"
     return VideoSetup(partial(open_source, source), model, start_frame, title)
 

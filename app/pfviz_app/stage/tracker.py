@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
@@ -55,7 +57,7 @@ class TrackerStage:
         width, height = film.source.size
         image = film.image(max(t, 1))
         whole = Window(self._frame_rect(rect, width / height), Rect(0, 0, width, height))
-        self._board.image("tracker/frame", self._rgb(image), whole.rect)
+        self._board.image("tracker/frame", self._shown(image), whole.rect)
         if t == 0:
             self._outline("tracker/frame/expected", whole, film.setup.model, film.setup.model.start)
             return
@@ -76,12 +78,12 @@ class TrackerStage:
     def _frame_rect(self, rect: Rect, aspect: float) -> Rect:
         return Rect(rect.x, rect.y, rect.width, 0.46 * rect.height).fitted(aspect)
 
-    def _rgb(self, image: Image) -> NDArray[np.uint8]:
+    def _shown(self, image: Image) -> NDArray[np.uint8]:
         """The frame as RGB, at most 640 pixels wide; the same array for the same frame."""
         if self._frame is None or self._frame[0] != id(image):
             shrink = min(1.0, 640.0 / image.shape[1])
             small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
-            self._frame = (id(image), np.ascontiguousarray(small[..., ::-1]))
+            self._frame = (id(image), _rgb(small))
         return self._frame[1]
 
     def _close_up(self, rect: Rect, frame: Rect, estimate: TrackEstimate, image: Image) -> Window:
@@ -94,7 +96,7 @@ class TrackerStage:
         zoom = _CLOSE_UP_PIXELS / part.width
         placing = np.array([[zoom, 0.0, -part.x * zoom], [0.0, zoom, -part.y * zoom]])
         crop = cv2.warpAffine(image, placing, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
-        self._board.image("tracker/close", np.ascontiguousarray(crop[..., ::-1]), target)
+        self._board.image("tracker/close", _rgb(crop), target)
         return Window(target, part)
 
     def _border(self, close: Window, whole: Window, palette: Palette) -> None:
@@ -160,3 +162,7 @@ class TrackerStage:
             x, y = close(centre)[0]
             ticks = [[[x - 9, y], [x + 9, y]], [[x, y - 9], [x, y + 9]]]
             self._board.segments("tracker/close/truth", ticks, _ON_IMAGE.truth, 3.5, 12.0)
+
+
+def _rgb(image: NDArray[Any]) -> NDArray[np.uint8]:
+    return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
