@@ -16,14 +16,10 @@ weight_lists = st.lists(
 ).filter(any)
 
 
-def mean_counts(
-    resample: Resampler, weights: np.ndarray, n: int, repeats: int
-) -> tuple[np.ndarray, np.ndarray]:
+def mean_counts(resample: Resampler, weights: np.ndarray, n: int, repeats: int) -> tuple[np.ndarray, np.ndarray]:
     """The mean number of copies of each particle, and its standard error."""
     rng = np.random.default_rng(20)
-    counts = np.array(
-        [np.bincount(resample(rng, weights, n), minlength=len(weights)) for _ in range(repeats)]
-    )
+    counts = np.array([np.bincount(resample(rng, weights, n), minlength=len(weights)) for _ in range(repeats)])
     return counts.mean(axis=0), counts.std(axis=0, ddof=1) / np.sqrt(repeats)
 
 
@@ -71,9 +67,7 @@ def test_systematic_shares_one_offset_and_stratified_does_not():
     """With n equal weights and one slice each, systematic returns everyone once whatever its offset."""
     weights = np.ones(9)
     for seed in range(20):
-        np.testing.assert_array_equal(
-            RESAMPLERS["systematic"](np.random.default_rng(seed), weights), np.arange(9)
-        )
+        np.testing.assert_array_equal(RESAMPLERS["systematic"](np.random.default_rng(seed), weights), np.arange(9))
     halves = np.ones(2)
     together = [RESAMPLERS["systematic"](np.random.default_rng(s), halves, 1)[0] for s in range(200)]
     assert 70 < sum(together) < 130

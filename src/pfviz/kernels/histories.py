@@ -11,11 +11,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from threading import Thread
 from types import ModuleType
-from typing import Literal
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -35,7 +35,6 @@ _LOG_2 = math.log(2.0)
 # 1e-4; all else is done in double precision.
 _WIDEST_SINGLE = 64.0
 _SMALLEST_TOTAL = 2.0**-64
-_FLOORS = {"float32": 2.0**-100, "float64": 2.0**-1000}
 
 _PAIRS_PER_CHUNK = 1 << 18
 _PAIRS_WORTH_A_THREAD = 1_000_000
@@ -75,11 +74,8 @@ def sample_histories(
             positive definite, or a uniform lies outside [0, 1).
     """
     problem = _prepare(innovations, means, log_weights, covariance, precision)
-    drawn = _checked_uniforms(uniforms, problem.count)
-    kernels = compiled()
-    if kernels is None:
-        return _sample_numpy(problem, drawn)
-    return _sample_compiled(kernels, problem, drawn, precision, threads)
+    log_mixture, ancestors = _sample(problem, _checked_uniforms(uniforms, problem.count), precision, threads)
+    return log_mixture, problem.original(ancestors)
 
 
 def sample_histories_numpy(
@@ -93,7 +89,8 @@ def sample_histories_numpy(
 ) -> tuple[FloatArray, IntArray]:
     """As ``sample_histories``, in plain NumPy, always in double precision and one thread."""
     problem = _prepare(innovations, means, log_weights, covariance, precision)
-    return _sample_numpy(problem, _checked_uniforms(uniforms, problem.count))
+    log_mixture, ancestors = _sample_numpy(problem, _checked_uniforms(uniforms, problem.count))
+    return log_mixture, problem.original(ancestors)
 
 
 def log_mixture_density(
@@ -106,10 +103,7 @@ def log_mixture_density(
 ) -> FloatArray:
     """``(M,)``: the log-density part of ``sample_histories``; arguments and errors as there."""
     problem = _prepare(innovations, means, log_weights, covariance, precision)
-    kernels = compiled()
-    if kernels is None:
-        return _sample_numpy(problem, np.empty(0))[0]
-    return _sample_compiled(kernels, problem, np.empty(0), precision, threads)[0]
+    return _sample(problem, np.empty(0), precision, threads)[0]
 
 
 def log_mixture_density_numpy(
@@ -148,6 +142,9 @@ class _Problem:
         """M, the number of innovations."""
         return self.innovations.shape[1]
 
+    def rows(self, chosen: IntArray) -> _Problem:
+        return replace(self, innovations=self.innovations[:, chosen])
+
     def original(self, ancestors: IntArray) -> IntArray:
         return ancestors if self.positive is None else self.positive[ancestors]
 
@@ -159,7 +156,7 @@ def _prepare(
     covariance: ArrayLike,
     precision: str,
 ) -> _Problem:
-    if precision not in _FLOORS:
+    if precision not in get_args(Precision):
         raise ValueError(f"precision must be 'float32' or 'float64', got {precision!r}")
     u, m, lw, c = (np.asarray(a, dtype=np.float64) for a in (innovations, means, log_weights, covariance))
     _check_shapes(u, m, lw, c)
@@ -214,6 +211,14 @@ def _checked_uniforms(uniforms: ArrayLike, count: int) -> FloatArray:
     return array
 
 
+def _sample(problem: _Problem, uniforms: FloatArray, precision: str, threads: int) -> tuple[FloatArray, IntArray]:
+    """Log-densities, and draws among the problem's own histories; no draws without uniforms."""
+    kernels = compiled()
+    if kernels is None:
+        return _sample_numpy(problem, uniforms)
+    return _sample_compiled(kernels, problem, uniforms, precision, threads)
+
+
 def _invert(shares: FloatArray, uniforms: FloatArray) -> IntArray:
     """For each row of ``shares (M, L)`` the first l whose running sum exceeds the uniform's part of the
     total."""
@@ -226,7 +231,7 @@ def _invert(shares: FloatArray, uniforms: FloatArray) -> IntArray:
 def _sample_numpy(problem: _Problem, uniforms: FloatArray) -> tuple[FloatArray, IntArray]:
     """Row by row with log-sum-exp, in chunks of rows that keep memory bounded."""
     count = problem.count
-    log_mixture, ancestors = np.empty(count), np.empty(count, dtype=np.int64)
+    log_mixture, ancestors = np.empty(count), np.zeros(count, dtype=np.int64)
     rows = max(1, _PAIRS_PER_CHUNK // len(problem.base))
     for start in range(0, count, rows):
         chunk = slice(start, start + rows)
@@ -241,7 +246,7 @@ def _sample_numpy(problem: _Problem, uniforms: FloatArray) -> tuple[FloatArray, 
         log_mixture[chunk][hopeless] = -np.inf
         if len(uniforms):
             ancestors[chunk] = _invert(shares, uniforms[chunk])
-    return log_mixture, problem.original(ancestors)
+    return log_mixture, ancestors
 
 
 @dataclass(frozen=True, slots=True)
@@ -252,10 +257,9 @@ class _Lanes:
     histories: NDArray[np.floating]
     base: NDArray[np.floating]
     innovations: NDArray[np.floating]
-    length: int
 
     @classmethod
-    def of(cls, kernels: ModuleType, problem: _Problem, dtype: str, rows: IntArray | slice) -> _Lanes:
+    def of(cls, kernels: ModuleType, problem: _Problem, dtype: str) -> _Lanes:
         d, count = problem.histories.shape
         lanes, block = kernels.LANES, kernels.LANES * kernels.DEPTH
         length = -(-count // block) * block
@@ -265,83 +269,67 @@ class _Lanes:
         columns[-1, count:] = -np.inf
         ordered = np.empty(columns.shape, dtype=dtype)
         ordered.reshape(-1, length // lanes, lanes)[:] = columns.reshape(-1, lanes, length // lanes).swapaxes(1, 2)
-        chosen = problem.innovations[:, rows]
-        innovations = np.zeros((chosen.shape[1], max(d, 2)), dtype=dtype)
+        innovations = np.zeros((problem.count, max(d, 2)), dtype=dtype)
         with np.errstate(over="ignore"):
-            innovations[:, :d] = chosen.T
-        return cls(ordered[:-1], ordered[-1], innovations, length)
+            innovations[:, :d] = problem.innovations.T
+        return cls(ordered[:-1], ordered[-1], innovations)
 
 
 def _sample_compiled(
     kernels: ModuleType, problem: _Problem, uniforms: FloatArray, precision: str, threads: int
 ) -> tuple[FloatArray, IntArray]:
+    """Plainly; the rows that underflow again with log-sum-exp; and those whose logarithms overflow by the
+    twin."""
     if precision == "float32" and not np.abs(problem.histories).max() <= _WIDEST_SINGLE:
         precision = "float64"
-    lanes = _Lanes.of(kernels, problem, precision, slice(None))
-    count = len(lanes.innovations)
-    totals, ancestors = np.empty(count), np.zeros(count, dtype=np.int64)
-    floor = _FLOORS[precision]
-
-    def run(rows: slice) -> None:
-        kernels.sample_rows(
-            lanes.histories,
-            lanes.base,
-            lanes.innovations[rows],
-            frozen(uniforms[rows]),
-            floor,
-            totals[rows],
-            ancestors[rows],
-        )
-
-    _share(run, count, threads if count * lanes.length >= _PAIRS_WORTH_A_THREAD else 1)
-    careful = np.flatnonzero(~(totals > _SMALLEST_TOTAL) | (ancestors < 0))
-    if len(careful) == 0:
-        return np.log(totals) + problem.log_scale, problem.original(ancestors)
-    totals[careful] = 1.0
+    lanes = _Lanes.of(kernels, problem, precision)
+    totals, ancestors = np.empty(problem.count), np.zeros(problem.count, dtype=np.int64)
+    _in_threads(kernels.sample_rows, lanes, uniforms, (totals, ancestors), threads)
+    far = np.flatnonzero(~(totals > _SMALLEST_TOTAL) | (ancestors < 0))
+    totals[far] = 1.0
     log_mixture = np.log(totals) + problem.log_scale
-    log_mixture[careful], ancestors[careful] = _sample_far(kernels, problem, uniforms, careful, threads)
-    return log_mixture, problem.original(ancestors)
-
-
-def _sample_far(
-    kernels: ModuleType, problem: _Problem, uniforms: FloatArray, rows: IntArray, threads: int
-) -> tuple[FloatArray, IntArray]:
-    """The given rows again, in double precision and with log-sum-exp."""
-    lanes = _Lanes.of(kernels, problem, "float64", rows)
-    count = len(rows)
-    wanted = uniforms[rows] if len(uniforms) else uniforms
-    peaks, totals, ancestors = np.empty(count), np.ones(count), np.zeros(count, dtype=np.int64)
-
-    def run(part: slice) -> None:
-        kernels.sample_far_rows(
-            lanes.histories,
-            lanes.base,
-            lanes.innovations[part],
-            frozen(wanted[part]),
-            peaks[part],
-            totals[part],
-            ancestors[part],
-        )
-
-    _share(run, count, threads if count * lanes.length >= _PAIRS_WORTH_A_THREAD else 1)
-    hopeless = np.flatnonzero(~(peaks > -np.inf))
-    if len(hopeless) and len(uniforms):
-        shares = np.exp2(problem.base)[None, :]
-        for row in hopeless:
-            ancestors[row] = _invert(shares, wanted[row : row + 1])[0]
-    log_mixture = np.log(totals) + peaks * _LOG_2 + problem.log_scale
-    log_mixture[hopeless] = -np.inf
+    if len(far):
+        wanted = uniforms[far] if len(uniforms) else uniforms
+        log_mixture[far], ancestors[far] = _sample_far(kernels, problem.rows(far), wanted, threads)
     return log_mixture, ancestors
 
 
-def _share(run: Callable[[slice], None], count: int, threads: int) -> None:
-    """``run`` on slices of ``range(count)``, one a thread, the last in this one."""
-    threads = max(1, min(threads, count))
+def _sample_far(
+    kernels: ModuleType, problem: _Problem, uniforms: FloatArray, threads: int
+) -> tuple[FloatArray, IntArray]:
+    lanes = _Lanes.of(kernels, problem, "float64")
+    peaks, totals = np.empty(problem.count), np.ones(problem.count)
+    ancestors = np.zeros(problem.count, dtype=np.int64)
+    _in_threads(kernels.sample_far_rows, lanes, uniforms, (peaks, totals, ancestors), threads)
+    log_mixture = np.log(totals) + peaks * _LOG_2 + problem.log_scale
+    lost = np.flatnonzero(~(peaks > -np.inf) | (ancestors < 0))
+    if len(lost):
+        wanted = uniforms[lost] if len(uniforms) else uniforms
+        log_mixture[lost], ancestors[lost] = _sample_numpy(problem.rows(lost), wanted)
+    return log_mixture, ancestors
+
+
+def _in_threads(
+    kernel: Callable[..., None],
+    lanes: _Lanes,
+    uniforms: FloatArray,
+    results: tuple[NDArray[np.float64] | IntArray, ...],
+    threads: int,
+) -> None:
+    """Run ``kernel`` on equal parts of the rows, the last part in this thread."""
+    count = len(lanes.innovations)
+    threads = max(1, min(threads, count)) if count * len(lanes.base) >= _PAIRS_WORTH_A_THREAD else 1
+
+    def run(start: int, stop: int) -> None:
+        part = slice(start, stop)
+        outputs = (result[part] for result in results)
+        kernel(lanes.histories, lanes.base, lanes.innovations[part], frozen(uniforms[part]), *outputs)
+
     bounds = [count * i // threads for i in range(threads + 1)]
-    slices = [slice(a, b) for a, b in pairwise(bounds)]
-    others = [Thread(target=run, args=(part,)) for part in slices[:-1]]
+    parts = list(pairwise(bounds))
+    others = [Thread(target=run, args=part) for part in parts[:-1]]
     for thread in others:
         thread.start()
-    run(slices[-1])
+    run(*parts[-1])
     for thread in others:
         thread.join()
