@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
 from pfviz.filters import FILTERS
@@ -135,7 +135,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     parser = build_parser()
     if not words or (words[0].startswith("-") and words[0] not in ("-h", "--help")):
         words.insert(0, "serve")
-    options = parser.parse_args(words)
+    options = parser.parse_args(list(_joined(words)))
     try:
         _COMMANDS[options.command](options)
     except BrokenPipeError:
@@ -144,6 +144,14 @@ def main(arguments: Sequence[str] | None = None) -> None:
         raise SystemExit(0 if options.command == "serve" else 130) from None
     except (ValueError, OSError) as error:
         fail(" ".join(str(error).split()))
+
+
+def _joined(words: Sequence[str]) -> Iterator[str]:
+    """``--box -5,0,20,20`` as ``--box=-5,0,20,20``: a value that begins with a minus is not an option."""
+    remaining = iter(words)
+    for word in remaining:
+        value = next(remaining, None) if word == "--box" else None
+        yield word if value is None else f"{word}={value}"
 
 
 def _serve(options: argparse.Namespace) -> None:

@@ -6,7 +6,7 @@ import argparse
 import json
 import math
 from collections.abc import Iterator
-from importlib.metadata import version
+from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
 from pfviz.exact import Gaussian, KalmanStep
@@ -32,7 +32,7 @@ def _header(world: World, options: argparse.Namespace, seed: int) -> dict[str, A
     model = world.model
     covariance = model.observation_covariance
     return {
-        "pfviz": version("pfviz"),
+        "pfviz": _version(),
         "world": world.name,
         "filter": options.filter,
         "particles": options.particles,
@@ -46,6 +46,13 @@ def _header(world: World, options: argparse.Namespace, seed: int) -> dict[str, A
             "prior_covariance": model.prior.covariance.tolist(),
         },
     }
+
+
+def _version() -> str:
+    try:
+        return version("pfviz")
+    except PackageNotFoundError:
+        return "not installed"
 
 
 def _lines(world: World, options: argparse.Namespace, seed: int) -> Iterator[dict[str, Any]]:

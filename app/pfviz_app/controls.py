@@ -14,14 +14,15 @@ from pfviz_app.explanations import explanation, legend
 from pfviz_app.plots import Plots
 from pfviz_app.session import Picture
 from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings
-from pfviz_app.stage.layout import NARROW
+from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
+_TWO_DOCKS = 1150
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 
 
 class Controls:
-    """One visitor's docks: what to look for and the plots on the left, the controls on the right."""
+    """One visitor's docks: what to look for and the plots, and the controls."""
 
     def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post) -> None:
         self._client, self._post = client, post
@@ -30,8 +31,8 @@ class Controls:
         self._explained: tuple[str, str, bool] | None = None
         self._dark: bool | None = None
         self._theme(settings.dark)
-        self._left_dock()
-        self._right_dock(settings)
+        self._controls(settings)
+        self._text_and_plots()
         self._shortcuts()
 
     def show(self, picture: Picture) -> None:
@@ -74,21 +75,25 @@ class Controls:
             dark_mode=dark, show_logo=False, show_share_button=False, brand_color=(0, 114, 178)
         )
 
-    def _left_dock(self) -> None:
+    def _text_and_plots(self) -> None:
+        """In a dock of their own on the left, or under the controls where the window is too narrow for two docks."""
         gui = self._client.gui
         text = gui.add_panel(order=1)
         with text.add_tab("What to look for"):
             self._text = gui.add_markdown("")
         with text.add_tab("Colours"):
             self._legend = gui.add_html("")
-        text.dock_left()
-        text.set_width(290)
         plots = gui.add_panel(order=2)
         with plots.add_tab("Over time"):
             self._plots = Plots(self._client)
+        if self._client.camera.image_width >= _TWO_DOCKS:
+            text.dock_left()
+            text.set_width(290)
+        else:
+            text.dock_below(gui.main_panel)
         plots.dock_below(text)
 
-    def _right_dock(self, settings: Settings) -> None:
+    def _controls(self, settings: Settings) -> None:
         gui = self._client.gui
         gui.set_panel_label("pfviz")
         gui.main_panel.dock_right()
@@ -101,10 +106,10 @@ class Controls:
         self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
         self._time.on_update(lambda event: self._post(Seek(self._time.value)) if event.client else None)
         self._status = gui.add_markdown("Paused")
-        narrow = self._client.camera.image_width < NARROW
+        phone = self._client.camera.image_width < PHONE
         for group in GROUPS:
             members = [control for control in CONTROLS.values() if control.group == group]
-            folder = gui.add_folder(group, expand_by_default=group != "More" and not narrow) if group else nullcontext()
+            folder = gui.add_folder(group, expand_by_default=group != "More" and not phone) if group else nullcontext()
             with folder:
                 for control in members:
                     self._add(control, settings)

@@ -50,10 +50,13 @@ def legend(dark: bool) -> str:
         (palette.posterior, "new particles and the estimate"),
         (palette.exact, "exact posterior"),
         (palette.truth, "truth"),
+        ((20, 20, 24), "on the video: outlines of likely particles"),
+        ((240, 240, 240), "on the video: the expected outline"),
     )
+    dot = "width:12px;height:12px;border-radius:7px;flex:none;border:1px solid #8888"
     items = "".join(
-        f'<div style="display:flex;align-items:center;gap:8px;margin:3px 0">'
-        f'<span style="width:12px;height:12px;border-radius:6px;flex:none;background:rgb{colour}"></span>{text}</div>'
+        '<div style="display:flex;align-items:center;gap:8px;margin:3px 0">'
+        f'<span style="{dot};background:rgb{colour}"></span>{text}</div>'
         for colour, text in rows
     )
     note = '<div style="margin-top:6px;opacity:.75">The stronger a dot or a line, the larger its weight.</div>'

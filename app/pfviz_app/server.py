@@ -8,6 +8,7 @@ import io
 import logging
 import socket
 import threading
+import warnings
 import webbrowser
 from functools import partial
 
@@ -26,6 +27,8 @@ from pfviz_app.start_box import learn_from_start
 
 log = logging.getLogger(__name__)
 _DEFAULT_PORT = 8080
+_FAREWELL = "Queued a .* on a closed connection"
+"""What viser warns of when a visitor leaves while a picture is drawn; the session ends a moment later."""
 _PORTS_TRIED = 50
 
 
@@ -92,6 +95,7 @@ def serve(options: argparse.Namespace) -> None:
     Raises:
         ValueError: if the video or the box cannot be used, or the port is taken.
     """
+    warnings.filterwarnings("ignore", message=_FAREWELL)
     video = prepare_video(options.video, options.box, options.start_frame)
     port = _free_port(options.host, options.port)
     settings = _settings(options)

@@ -89,7 +89,9 @@ class Session:
     def close(self) -> None:
         """End the session and wait until everything it held is freed."""
         self.post(Close())
-        if self._thread.is_alive() and threading.current_thread() is not self._thread:
+        if self._thread.ident is None:
+            self._tracker_film.close()
+        elif threading.current_thread() is not self._thread:
             self._thread.join(timeout=10.0)
 
     @property
@@ -137,7 +139,7 @@ class Session:
                 self._play(not self._playing if on is None else on)
             case Step(count):
                 self._playing = False
-                self._advance() if count > 0 else self._seek(self._t + count)
+                self._step(count)
             case Seek(t):
                 self._playing = False
                 self._seek(t)
@@ -166,6 +168,13 @@ class Session:
             self._start_rooms()
         self._playing, self._due = on, time.monotonic()
 
+    def _step(self, count: int) -> None:
+        if count < 0:
+            self._seek(self._t + count)
+        for _ in range(count):
+            if not self._advance():
+                break
+
     def _start_rooms(self) -> None:
         s = self._settings
         self._message, self._t = "", 0
@@ -185,16 +194,19 @@ class Session:
     def _redo(self) -> None:
         """Run the step on screen once more, with the settings as they are now and the same random numbers.
 
-        What was recorded after it is forgotten.
+        What was recorded after it is forgotten. While playing, the settings hold from the next step on.
         """
-        if self._playing or self._t <= self._first - 1 or self._t == 0:
-            return
-        self._t -= 1
-        self._rewind(self._t)
-        self._advance()
+        if self._t == 0:
+            self._start_rooms()
+        elif self._playing or self._t == self._earliest:
+            self._rewind(self._t)
+        else:
+            self._t -= 1
+            self._rewind(self._t)
+            self._advance()
 
-    def _advance(self) -> None:
-        """One step on: replayed from the record if there is one, run if not."""
+    def _advance(self) -> bool:
+        """One step on, if there is one: replayed from the record, or run where nothing is recorded yet."""
         self._message = ""
         if self._t == self._last:
             try:
@@ -206,10 +218,11 @@ class Session:
                     False,
                     f"The film ends here, at step {self._t}. Play starts it again.",
                 )
-                return
+                return False
             finally:
                 self._rewind(self._last)
         self._t += 1
+        return True
 
     def _rewind(self, t: int) -> None:
         """Forget what came after time ``t``, in both rooms."""
@@ -217,13 +230,14 @@ class Session:
         self._tracker.rewind(t)
 
     def _seek(self, t: int) -> None:
-        earliest = 0 if self._first == 1 else self._first
-        self._t = min(max(t, earliest), self._last)
+        self._t = min(max(t, self._earliest), self._last)
         self._message = ""
 
     @property
-    def _first(self) -> int:
-        return max(self._toy.trace.first, self._tracker.trace.first)
+    def _earliest(self) -> int:
+        """The earliest time that can be shown: 0, unless the first records had to be forgotten."""
+        first = max(self._toy.trace.first, self._tracker.trace.first)
+        return 0 if first == 1 else first
 
     @property
     def _last(self) -> int:
@@ -231,8 +245,8 @@ class Session:
 
     @property
     def _ended(self) -> bool:
-        length = self._tracker_film.length
-        return length is not None and self._t >= length
+        lengths = (self._toy.film.length, self._tracker_film.length)
+        return any(length is not None and self._t >= length for length in lengths)
 
     def _draw(self) -> None:
         self._view.draw(

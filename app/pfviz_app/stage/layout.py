@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
-NARROW = 600
+from pfviz_app.settings import Pane
+
+PHONE = 600
+"""A window narrower than this many pixels gets viser's sheet of controls at the bottom."""
 _SHEET = 385
 _MARGIN = 18
 _GAP = 26
@@ -43,14 +45,14 @@ class Rect:
         return Rect(self.x + (self.width - width) / 2, self.y, width, width / aspect)
 
 
-def arrange(width: float, height: float, pane: Literal["both", "toy", "tracker"]) -> dict[str, Rect]:
+def arrange(width: float, height: float, pane: Pane, phone: bool = False) -> dict[str, Rect]:
     """The rooms' rectangles on a canvas: side by side when it is wide, one under the other when it is tall.
 
     On a phone there is one room at a time, above the sheet of controls.
     """
-    narrow = width < NARROW and height > width
-    free = Rect(0, 0, width, height - (min(_SHEET, 0.5 * height) if narrow else 0)).inset(*[_MARGIN] * 4)
-    if narrow and pane == "both":
+    sheet = min(_SHEET, 0.5 * height) if phone else 0.0
+    free = Rect(0, 0, width, height - sheet).inset(*[_MARGIN] * 4)
+    if phone and pane == "both":
         pane = "toy"
     if pane != "both":
         return {pane: free}

@@ -11,7 +11,7 @@ from pfviz.filters import FILTERS
 from pfviz_app.room import Room
 from pfviz_app.session import Picture
 from pfviz_app.stage.board import Board
-from pfviz_app.stage.layout import Rect, arrange
+from pfviz_app.stage.layout import PHONE, Rect, arrange
 from pfviz_app.stage.lettering import fitted
 from pfviz_app.stage.palette import DARK, LIGHT, Palette
 from pfviz_app.stage.toy_1d import Toy1d
@@ -30,6 +30,7 @@ class Stage:
         self._toys = {1: Toy1d(self.board), 2: Toy2d(self.board)}
         self._tracker = TrackerStage(self.board)
         self._size: tuple[int, int] = (0, 0)
+        self._phone = client.camera.image_width < PHONE
 
     def resize(self, width: int, height: int) -> None:
         """Lay out for a canvas of this size, in pixels."""
@@ -40,7 +41,7 @@ class Stage:
     def draw(self, picture: Picture) -> None:
         """Show the picture, as one update."""
         palette = DARK if picture.settings.dark else LIGHT
-        rooms = arrange(*self._size, picture.settings.pane)
+        rooms = arrange(*self._size, picture.settings.pane, self._phone)
         with self._client.atomic():
             self.board.begin(palette.background)
             if "toy" in rooms:

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfviz.particles import FloatArray, ParticleSet
+from pfviz.record import StepRecord
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import Image
 from pfviz_app.session import Picture
@@ -65,8 +66,9 @@ class TrackerStage:
         assert isinstance(model, TrackerModel)
         record = picture.tracker.trace[t]
         estimate = model.estimate(record)
-        close = self._close_up(rect, whole.rect, estimate, image)
+        close = self._close_up(rect, whole.rect, estimate, image, palette)
         self._border(close, whole, palette)
+        self._proposed(record, whole)
         self._particles(record.posterior, model, close)
         self._arrows(picture, close)
         for name, window in (("frame", whole), ("close", close)):
@@ -86,16 +88,16 @@ class TrackerStage:
             self._frame = (id(image), _rgb(small))
         return self._frame[1]
 
-    def _close_up(self, rect: Rect, frame: Rect, estimate: TrackEstimate, image: Image) -> Window:
+    def _close_up(self, rect: Rect, frame: Rect, estimate: TrackEstimate, image: Image, palette: Palette) -> Window:
         below = Rect(rect.x, frame.bottom + 14, rect.width, max(rect.bottom - frame.bottom - 14, 40))
         aspect = float(np.clip(below.width / below.height, 0.8, 1.6))
         target = below.fitted(aspect)
-        reach = 1.15 * max(estimate.box[2], estimate.box[3] * aspect, 16.0)
+        reach = 0.9 * max(estimate.box[2], estimate.box[3] * aspect, 16.0)
         part = Rect(estimate.x - reach, estimate.y - reach / aspect, 2 * reach, 2 * reach / aspect)
         size = (_CLOSE_UP_PIXELS, round(_CLOSE_UP_PIXELS / aspect))
         zoom = _CLOSE_UP_PIXELS / part.width
         placing = np.array([[zoom, 0.0, -part.x * zoom], [0.0, zoom, -part.y * zoom]])
-        crop = cv2.warpAffine(image, placing, size, flags=cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT)
+        crop = cv2.warpAffine(image, placing, size, flags=cv2.INTER_LINEAR, borderValue=palette.background[::-1])
         self._board.image("tracker/close", _rgb(crop), target)
         return Window(target, part)
 
@@ -105,6 +107,17 @@ class TrackerStage:
         corners = whole(np.array([[p.x, p.y], [p.right, p.y], [p.right, p.bottom], [p.x, p.bottom]]))
         corners = np.clip(corners, [whole.rect.x, whole.rect.y], [whole.rect.right, whole.rect.bottom])
         self._board.polyline("tracker/frame/part", corners, palette.posterior, 2.0, 2.0, closed=True)
+
+    def _proposed(self, record: StepRecord, whole: Window) -> None:
+        """Where in the frame hypotheses were proposed: by the detector, or by the dynamics."""
+        stage = record.stage("propose") or record.stage("predict")
+        if stage is None:
+            return
+        centres = stage.particles.innovation[:, :2]
+        centres = centres[whole.holds(centres)]
+        centres = whole(centres[sample_evenly(len(centres), _MOST_POINTS)])
+        self._board.points("tracker/frame/proposed/rim", centres, _DARK, 5.0, 1.0)
+        self._board.points("tracker/frame/proposed", centres, _ON_IMAGE.proposal, 3.4, 1.5)
 
     def _particles(self, particles: ParticleSet, model: TrackerModel, close: Window) -> None:
         """The contours of likely particles, dark on a bright rim, and the centres of all, by weight."""
