@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
 from dataclasses import fields
 from typing import Any
@@ -18,15 +19,22 @@ from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
 _TWO_DOCKS = 1150
+_PATIENCE = 2.0
+"""For how many seconds a widget that a visitor has moved is left alone, so that it does not jump back in a drag."""
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 
 
 class Controls:
-    """One visitor's docks: what to look for and the plots, and the controls."""
+    """One visitor's docks: what to look for and the plots, and the controls.
+
+    Callbacks are coroutines: viser runs these one by one in the order of what the visitor did, and plain functions in
+    a pool of threads, in any order.
+    """
 
     def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post) -> None:
         self._client, self._post = client, post
         self._widgets: dict[str, Any] = {}
+        self._wishes: dict[str, tuple[Any, float]] = {}
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: tuple[str, str, bool] | None = None
         self._dark: bool | None = None
@@ -42,7 +50,7 @@ class Controls:
             self._theme(s.dark)
         for field, widget in self._widgets.items():
             value = self._shown(field, getattr(s, field))
-            if widget.value != value:
+            if widget.value != value and not self._outrun(field, value):
                 widget.value = value
         label = "❚❚ Pause" if picture.playing else "▶ Play"
         if self._play.label != label:
@@ -59,8 +67,16 @@ class Controls:
         most = max(picture.last, 1)
         if self._time.max != most:
             self._time.max = most
-        if self._time.value != picture.t:
+        if self._time.value != picture.t and not self._outrun("time", picture.t):
             self._time.value = picture.t
+
+    def _outrun(self, name: str, value: Any) -> bool:
+        """Whether ``value`` is not yet what the visitor last set the widget to."""
+        wish, since = self._wishes.get(name, (value, 0.0))
+        if wish == value or time.monotonic() - since > _PATIENCE:
+            self._wishes.pop(name, None)
+            return False
+        return True
 
     def _explain(self, s: Settings) -> None:
         key = (s.filter, s.world, s.dark)
@@ -99,12 +115,12 @@ class Controls:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(330)
         self._play = gui.add_button("▶ Play", hint="Space", color=(0, 114, 178))
-        self._play.on_click(lambda _: self._post(Play()))
+        self._play.on_click(self._posting(lambda: Play()))
         moves = gui.add_button_group("", (_BACK, _STEP, _RESET))
         commands: dict[str, Command] = {_BACK: Step(-1), _STEP: Step(1), _RESET: Reset()}
-        moves.on_click(lambda _: self._post(commands[moves.value]))
+        moves.on_click(self._posting(lambda: commands[moves.value]))
         self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
-        self._time.on_update(lambda event: self._post(Seek(self._time.value)) if event.client else None)
+        self._time.on_update(self._wishing("time", lambda: self._time.value, Seek))
         self._status = gui.add_markdown("Paused")
         phone = self._client.camera.image_width < PHONE
         for group in GROUPS:
@@ -127,12 +143,27 @@ class Controls:
             low, high, step = (int(v) if whole else v for v in (control.low, control.high, control.step))
             widget = gui.add_slider(control.label, low, high, step, value, hint=control.hint)
         self._widgets[field] = widget
-        widget.on_update(lambda event: self._changed(field, event))
+        wished = self._wishing(field, lambda: widget.value, lambda shown: Set(field, self._meant(field, shown)))
+        widget.on_update(wished)
 
-    def _changed(self, field: str, event: Any) -> None:
-        """Pass on what a person did; our own updates come without a client."""
-        if event.client is not None:
-            self._post(Set(field, self._meant(field, self._widgets[field].value)))
+    def _posting(self, command: Callable[[], Command]) -> Callable[[Any], Coroutine[Any, Any, None]]:
+        async def on_event(_: Any) -> None:
+            self._post(command())
+
+        return on_event
+
+    def _wishing(
+        self, name: str, value: Callable[[], Any], command: Callable[[Any], Command]
+    ) -> Callable[[Any], Coroutine[Any, Any, None]]:
+        """Passes on what a visitor sets a widget to; our own updates come without a client."""
+
+        async def on_update(event: Any) -> None:
+            if event.client is not None:
+                shown = value()
+                self._wishes[name] = shown, time.monotonic()
+                self._post(command(shown))
+
+        return on_update
 
     def _shown(self, field: str, value: Any) -> Any:
         return self._labels[field].get(value, value)
@@ -149,7 +180,7 @@ class Controls:
         )
         for label, key, command in keys:
             handle = self._client.gui.add_command(label, hotkey=key)
-            handle.on_trigger(lambda _, command=command: self._post(command))
+            handle.on_trigger(self._posting(lambda command=command: command))
 
 
 assert {f.name for f in fields(Settings)} == set(CONTROLS), "every setting has a control"
