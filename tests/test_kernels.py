@@ -287,6 +287,15 @@ def test_density_alone_is_the_same(case, precision):
         np.testing.assert_array_equal(kernels.log_mixture_density(*case), kernels.log_mixture_density_numpy(*case))
 
 
+@pytest.mark.parametrize(("precision", "digits"), [("float32", 2e-7), ("float64", 1e-15)])
+def test_a_single_term_keeps_the_digits_of_its_precision(precision, digits):
+    """One history at the centre: what is left is the error of the power of two and of its exponent."""
+    x = np.linspace(0.0, 9.0, 5001)[:, None]
+    log_density = kernels.log_mixture_density(x, [[0.0]], [0.0], [[1.0]], precision=precision)
+    exponent = 0.5 * x[:, 0] ** 2
+    assert (np.abs(log_density + exponent + 0.5 * np.log(2.0 * np.pi)) < digits * (2.0 + exponent)).all()
+
+
 @every_adversary
 @every_variant
 def test_draws_invert_the_cumulative_shares(case, variant):
@@ -856,9 +865,11 @@ def test_systematic_twins_agree():
         (([0.5, -0.5], 0.5), "not negative"),
         (([0.5, np.nan], 0.5), "finite"),
         (([0.5, np.inf], 0.5), "finite"),
-        (([], 0.5), "finite"),
+        (([1e-320, 0.0], 0.5), "not all zero or almost"),
+        (([], 0.5), "at least one"),
+        (([], 0.5, 3), "not all zero"),
         (([1.0], 1.0), "offset must lie"),
-        (([1.0], 0.5, 0), "count must be at least 1"),
+        (([1.0], 0.5, 0), "at least one"),
     ],
 )
 def test_bad_systematic_arguments_are_named(systematic, arguments, message):

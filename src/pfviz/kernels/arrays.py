@@ -25,8 +25,7 @@ def checked(name: str, values: ArrayLike, shape: tuple[int | None, ...], dtype: 
         ValueError: naming the argument, if it has another shape.
     """
     array = np.ascontiguousarray(values, dtype=dtype)
-    matches = array.ndim == len(shape) and all(n is None or n == m for n, m in zip(shape, array.shape, strict=True))
-    if not matches:
+    if len(array.shape) != len(shape) or any(n is not None and n != m for n, m in zip(shape, array.shape, strict=True)):
         wanted = ", ".join("any" if n is None else str(n) for n in shape)
         raise ValueError(f"{name} must have shape ({wanted}), got {array.shape}")
     return frozen(array)

@@ -17,35 +17,34 @@ Backend = Literal["numba", "numpy"]
 _numpy_forced = ContextVar("numpy_forced", default=False)
 _lock = threading.Lock()
 _compiled: ModuleType | None = None
-_unavailable = False
+_numba_wanted = os.environ.get("PFVIZ_NO_NUMBA", "") in ("", "0")
 
 
 def warm_up() -> None:
     """Compile the kernels, or load them from the disk cache; returns when they are ready.
 
-    Takes some 10 s the first time on a machine and 0.3 s afterwards. Safe to call from any thread, and again.
+    Takes some ten seconds the first time on a machine and a third of a second afterwards. Safe to call from
+    any thread, and again. Does nothing where the backend is NumPy.
     """
-    global _compiled, _unavailable
+    global _compiled, _numba_wanted
     with _lock:
-        if _compiled is not None or _unavailable:
+        if _compiled is not None or not _numba_wanted:
             return
         try:
             _compiled = importlib.import_module("pfviz.kernels.compiled")
         except ImportError as error:
-            _unavailable = True
+            _numba_wanted = False
             warnings.warn(f"numba cannot be imported ({error}): running in plain NumPy", stacklevel=2)
 
 
 def compiled_ready() -> bool:
-    """Whether a call would run a compiled kernel at once, without waiting for a compilation."""
+    """Whether the compiled kernels are there, so that no call waits for a compilation."""
     return _compiled is not None
 
 
 def backend() -> Backend:
     """What kernels called from here, in this thread, run on."""
-    if _unavailable or _numpy_forced.get() or os.environ.get("PFVIZ_NO_NUMBA", "0") not in ("", "0"):
-        return "numpy"
-    return "numba"
+    return "numba" if _numba_wanted and not _numpy_forced.get() else "numpy"
 
 
 @contextmanager
@@ -60,6 +59,8 @@ def use_numpy() -> Iterator[None]:
 
 def compiled() -> ModuleType | None:
     """The module of compiled kernels, compiling it if need be; None where the twins are to run."""
-    if backend() == "numba" and _compiled is None:
+    if not _numba_wanted or _numpy_forced.get():
+        return None
+    if _compiled is None:
         warm_up()
-    return _compiled if backend() == "numba" else None
+    return _compiled

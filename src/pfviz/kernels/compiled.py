@@ -494,20 +494,25 @@ def propagate(states, ancestors, coefficients, offset, factor, key0, key1, resul
 # --------------------------------------------------------------------------------------------------
 
 
-@kernel(types.void(_in(f8, 1), f8, _out(i8, 1)), fastmath=FAST)
+@kernel(types.boolean(_in(f8, 1), f8, _out(i8, 1)), fastmath=FAST)
 def systematic_ancestors(weights, offset, ancestors):
-    """Each particle marks the first of the points m + offset in its share; then everyone takes the last mark.
+    """Fill ``ancestors``; False if a weight is negative, or M divided by their sum is not a positive number.
 
-    A particle without a point is overwritten by the next one with any. Nothing after the last positive weight
+    Each particle marks the first of the points m + offset in its share; then everyone takes the last mark. A
+    particle without a point is overwritten by the next one with any. Nothing after the last positive weight
     marks.
     """
+    total = 0.0
+    negative = 0
+    for i in range(len(weights)):
+        total += weights[i]
+        negative += weights[i] < 0.0
+    scale = len(ancestors) / total
+    if negative > 0 or not 0.0 < scale < np.inf:
+        return False
     last = len(weights) - 1
     while weights[last] == 0.0:
         last -= 1
-    total = 0.0
-    for i in range(last + 1):
-        total += weights[i]
-    scale = len(ancestors) / total
     ancestors[:] = 0
     cumulative = 0.0
     for i in range(last + 1):
@@ -519,6 +524,7 @@ def systematic_ancestors(weights, offset, ancestors):
     for m in range(len(ancestors)):
         newest = max(newest, ancestors[m])
         ancestors[m] = newest
+    return True
 
 
 @kernel(types.UniTuple(f8, 2)(_in(f8, 1), f8, _out(f8, 1), _out(f8, 1)), fastmath=FAST)

@@ -26,7 +26,11 @@ _WEYL = np.uint64(0x9E3779B97F4A7C15)
 _MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
 _MIX3 = np.uint64(0xD6E8FEB86659FD93)
-_KEY1_COUNTER = np.uint64(0xA0761D6478BD642F)
+_SECOND_KEY = 0xA0761D6478BD642F
+
+_ALL_BITS = 2**64 - 1
+
+_EVERYONE = frozen(np.empty(0, dtype=np.int64))
 
 
 def propagate(
@@ -62,11 +66,10 @@ def propagate(
         count = len(x) if parents is None else len(parents)
         return _advance(x, parents, a, mu, factor, standard_normals_numpy(seed, count, x.shape[2]))
     n, p, k = x.shape
-    everyone = np.empty(0, dtype=np.int64)
     result = np.empty((n if parents is None else len(parents), p * k))
     kernels.propagate(
         x.reshape(n, p * k),
-        frozen(everyone) if parents is None else parents,
+        _EVERYONE if parents is None else parents,
         frozen(np.ascontiguousarray(a.transpose(1, 0, 2).reshape(k, p * k))),
         frozen(mu - a.sum(axis=0) @ mu),
         factor,
@@ -105,11 +108,18 @@ def standard_normals_numpy(seed: int, count: int, dimension: int) -> FloatArray:
 
 
 def _keys(seed: int) -> tuple[np.uint64, np.uint64]:
+    """Two keys that differ in half of their bits between any two seeds."""
     if not 0 <= seed < 2**64:
         raise ValueError(f"seed must be from 0 to 2**64 - 1, got {seed}")
-    counters = np.array([0, _KEY1_COUNTER], dtype=np.uint64)
-    first, second = _random_bits(counters, np.uint64(seed), np.uint64(0))
-    return first, second
+    return np.uint64(_mix(int(seed))), np.uint64(_mix(int(seed) + _SECOND_KEY))
+
+
+def _mix(value: int) -> int:
+    """The finaliser of SplitMix64."""
+    h = value & _ALL_BITS
+    h = (h ^ (h >> 30)) * 0xBF58476D1CE4E5B9 & _ALL_BITS
+    h = (h ^ (h >> 27)) * 0x94D049BB133111EB & _ALL_BITS
+    return h ^ (h >> 31)
 
 
 def _random_bits(counters: UIntArray, key0: np.uint64, key1: np.uint64) -> UIntArray:
@@ -152,6 +162,6 @@ def _checked_model(
     if ancestors is None:
         return x, None, a, mu, factor
     parents = checked("ancestors", ancestors, (None,), np.int64)
-    if len(parents) and not (parents.min() >= 0 and parents.max() < n):
+    if len(parents) and parents.view(np.uint64).max() >= n:  # a negative one is larger than any N
         raise ValueError(f"ancestors must be from 0 to {n - 1}, got {parents.min()} to {parents.max()}")
     return x, parents, a, mu, factor

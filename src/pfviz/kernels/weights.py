@@ -69,19 +69,20 @@ def systematic_ancestors(weights: ArrayLike, offset: float, count: int | None = 
         ValueError: if a weight is negative, NaN or infinite, all are zero, or the offset or the count is out
             of range.
     """
-    checked_weights, m = _checked_weights(weights, offset, count)
+    array, m = _checked_resampling(weights, offset, count)
     kernels = compiled()
     if kernels is None:
-        return _systematic_numpy(checked_weights, offset, m)
+        return _systematic_numpy(array, offset, m)
     ancestors = np.empty(m, dtype=np.int64)
-    kernels.systematic_ancestors(checked_weights, float(offset), ancestors)
+    if not kernels.systematic_ancestors(array, float(offset), ancestors):
+        raise _bad_weights(array)
     return ancestors
 
 
 def systematic_ancestors_numpy(weights: ArrayLike, offset: float, count: int | None = None) -> IntArray:
     """As ``systematic_ancestors``, in plain NumPy."""
-    checked_weights, m = _checked_weights(weights, offset, count)
-    return _systematic_numpy(checked_weights, offset, m)
+    array, m = _checked_resampling(weights, offset, count)
+    return _systematic_numpy(array, offset, m)
 
 
 def _checked_log_weights(log_weights: ArrayLike) -> tuple[FloatArray, float]:
@@ -113,21 +114,30 @@ def _normalise_numpy(raw: FloatArray, peak: float) -> NormalisedWeights:
     return NormalisedWeights(raw - log_sum, weights, log_sum, 1.0 / float(weights @ weights))
 
 
-def _checked_weights(weights: ArrayLike, offset: float, count: int | None) -> tuple[FloatArray, int]:
+def _checked_resampling(weights: ArrayLike, offset: float, count: int | None) -> tuple[FloatArray, int]:
     array = checked("weights", weights, (None,))
-    if len(array) == 0 or not (array.min() >= 0.0 and 0.0 < array.max() < np.inf):
-        raise ValueError("weights must be finite, not negative, and not all zero")
     if not 0.0 <= offset < 1.0:
         raise ValueError(f"offset must lie in [0, 1), got {offset}")
     m = len(array) if count is None else int(count)
     if m < 1:
-        raise ValueError(f"count must be at least 1, got {count}")
+        raise ValueError(f"the weights and the count must be at least one, got {len(array)} and {count}")
     return array, m
+
+
+def _bad_weights(weights: FloatArray) -> ValueError:
+    return ValueError(
+        f"weights must be finite, not negative, and not all zero or almost, got a sum of {weights.sum()} and "
+        f"a smallest of {weights.min(initial=math.inf)}"
+    )
 
 
 def _systematic_numpy(weights: FloatArray, offset: float, count: int) -> IntArray:
     cumulative = np.cumsum(weights)
-    points_below = np.ceil(cumulative * (count / cumulative[-1]) - offset).astype(np.int64)
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        scale = count / cumulative[-1] if len(weights) else math.nan
+    if not (0.0 < scale < math.inf and weights.min() >= 0.0):
+        raise _bad_weights(weights)
+    points_below = np.ceil(cumulative * scale - offset).astype(np.int64)
     np.minimum(points_below, count, out=points_below)
     points_below[np.flatnonzero(weights)[-1] :] = count
     return np.repeat(np.arange(len(weights)), np.diff(points_below, prepend=0))
