@@ -72,9 +72,16 @@ class App:
             return [visitor.session for visitor in self._visitors.values()]
 
     def _enter(self, client: viser.ClientHandle) -> None:
-        visitor = Visitor(client, self._settings, self._video)
+        try:
+            visitor = Visitor(client, self._settings, self._video)
+        except Exception as error:
+            log.exception("a visitor's session could not start")
+            client.add_notification("pfviz cannot start here", str(error), color="red")
+            return
         with self._lock:
             self._visitors[client.client_id] = visitor
+        if client.client_id not in self.server.get_clients():
+            self._leave(client)
 
     def _leave(self, client: viser.ClientHandle) -> None:
         with self._lock:
@@ -95,15 +102,23 @@ def serve(options: argparse.Namespace) -> None:
     Raises:
         ValueError: if the video or the box cannot be used, or the port is taken.
     """
-    warnings.filterwarnings("ignore", message=_FAREWELL)
     video = prepare_video(options.video, options.box, options.start_frame)
-    port = _free_port(options.host, options.port)
-    settings = _settings(options)
+    run_app(_settings(options), video, options.host, options.port, not options.no_browser)
+
+
+def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, open_browser: bool) -> None:
+    """Serve until it is interrupted; ``settings`` are what each visitor begins with.
+
+    Raises:
+        ValueError: if the port is taken.
+    """
+    warnings.filterwarnings("ignore", message=_FAREWELL)
+    port = _free_port(host, port)
     threading.Thread(target=kernels.warm_up, name="pfviz-compile", daemon=True).start()
-    app = App(options.host, port, settings, video)
-    url = f"http://{'localhost' if options.host in ('127.0.0.1', '0.0.0.0') else options.host}:{port}"
+    app = App(host, port, settings, video)
+    url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{port}"
     print(f"pfviz is running at {url} (Ctrl-C stops it)", flush=True)
-    if not options.no_browser:
+    if open_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     try:
         threading.Event().wait()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
 
@@ -9,6 +10,7 @@ from pfviz.filters import FILTERS
 from pfviz.worlds import WORLDS
 
 Pane = Literal["both", "toy", "tracker"]
+Choices = tuple[tuple[str, str], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ class Control:
         low: of a slider.
         high: of a slider.
         step: of a slider; a whole number makes the setting one.
-        choices: of a choice, value and label.
+        offered: of a choice, what there is at present: value and label of each.
         group: the folder it is in; the empty one is always open.
     """
 
@@ -65,8 +67,13 @@ class Control:
     low: float = 0.0
     high: float = 1.0
     step: float = 1.0
-    choices: tuple[tuple[str, str], ...] = ()
+    offered: Callable[[], Choices] = tuple
     group: str = "Tune"
+
+    @property
+    def choices(self) -> Choices:
+        """Value and label of each choice."""
+        return self.offered()
 
     def checked(self, value: Any) -> Any:
         """``value`` as the setting needs it, rounded to the slider's type.
@@ -90,15 +97,23 @@ class Control:
         return round(number) if self.step >= 1 else number
 
 
-def _choices(infos: Any) -> tuple[tuple[str, str], ...]:
-    return tuple((info.name, info.title) for info in infos)
+def _filters() -> Choices:
+    return tuple((info.name, info.title) for info in FILTERS.values())
+
+
+def _worlds() -> Choices:
+    return tuple((world.name, world.title) for world in WORLDS.values())
+
+
+def _panes() -> Choices:
+    return ("both", "both rooms"), ("toy", "the toy"), ("tracker", "the video")
 
 
 _CONTROLS = (
-    Control("filter", "Filter", "Runs in both rooms", "choice", choices=_choices(FILTERS.values()), group=""),
-    Control("world", "Toy world", "The world on the left", "choice", choices=_choices(WORLDS.values()), group=""),
-    Control("toy_particles", "Particles, toy", "How many hypotheses in the toy", "slider", 1, 1000),
-    Control("tracker_particles", "Particles, video", "How many hypotheses in the tracker", "slider", 1, 2000),
+    Control("filter", "Filter", "Runs in both rooms", "choice", offered=_filters, group=""),
+    Control("world", "Toy world", "The world on the left", "choice", offered=_worlds, group=""),
+    Control("toy_particles", "Particles, toy", "How many hypotheses in the toy", "slider", 1, 2000),
+    Control("tracker_particles", "Particles, video", "How many hypotheses in the tracker", "slider", 1, 5000),
     Control(
         "system",
         "System noise ×",
@@ -133,7 +148,7 @@ _CONTROLS = (
         "Show",
         "Which room",
         "choice",
-        choices=(("both", "both rooms"), ("toy", "the toy"), ("tracker", "the video")),
+        offered=_panes,
         group="",
     ),
     Control(

@@ -46,7 +46,7 @@ def made_links(record: StepRecord, count: int) -> Links:
     targets = targets[histories[targets] >= 0]
     if not count or not len(targets):
         return _NONE
-    strengths = np.full(len(targets), 0.6) if association is None else _plausibility(association, targets)
+    strengths = np.full(len(targets), 0.45) if association is None else _plausibility(association, targets)
     return Links(histories[targets], targets, strengths)
 
 
