@@ -222,15 +222,16 @@ def _unnormalised(case):
 
 
 def _at_the_edge_of_single_precision(case):
-    """Clouds 64 sigma wide, and innovations up to 9 sigma from the nearest history."""
+    """Histories as far out as single precision takes them, and innovations up to 9 sigma from the nearest."""
     factor = np.linalg.cholesky(case[3])
-    d = case[0].shape[1]
+    n, d = case[1].shape
     rng = np.random.default_rng(5)
-    corners = rng.choice([-44.0, 44.0], size=(len(case[1]), d))
+    corners = 56.0 / np.sqrt(d) * rng.choice([-1.0, 1.0], size=(n // 2, d))
+    corners = np.concatenate([corners, -corners])
     directions = rng.normal(size=case[0].shape)
     directions *= rng.uniform(0.0, 9.0, (len(directions), 1)) / np.linalg.norm(directions, axis=1, keepdims=True)
     case[1] = corners @ factor.T
-    case[0] = (corners[rng.integers(0, len(corners), len(directions))] + directions) @ factor.T
+    case[0] = (corners[rng.integers(0, n, len(directions))] + directions) @ factor.T
     return case
 
 
@@ -256,7 +257,8 @@ ADVERSARIES = {
     "an outlier of no weight": _one_outlier_of_no_weight(cloud(2, 200, 100)),
     "duplicates": _duplicates(cloud(2, 200, 100)),
     "unnormalised weights": _unnormalised(cloud(2, 200, 100)),
-    "the edge of single precision": _at_the_edge_of_single_precision(cloud(2, 200, 300)),
+    "the edge of single precision": _at_the_edge_of_single_precision(cloud(2, 200, 2000)),
+    "the same in four dimensions": _at_the_edge_of_single_precision(cloud(4, 200, 2000)),
 }
 LOG_TOLERANCE = {"float32": 1e-4, "float64": 1e-9, "twin": 1e-9}
 every_adversary = pytest.mark.parametrize("case", ADVERSARIES.values(), ids=list(ADVERSARIES))
@@ -294,6 +296,19 @@ def test_a_single_term_keeps_the_digits_of_its_precision(precision, digits):
     log_density = kernels.log_mixture_density(x, [[0.0]], [0.0], [[1.0]], precision=precision)
     exponent = 0.5 * x[:, 0] ** 2
     assert (np.abs(log_density + exponent + 0.5 * np.log(2.0 * np.pi)) < digits * (2.0 + exponent)).all()
+
+
+@pytest.mark.parametrize("case", ["two dimensions", "the edge of single precision", "the same in four dimensions"])
+def test_single_precision_is_used_where_it_is_asked_for_and_enough(case):
+    single, double = (kernels.log_mixture_density(*ADVERSARIES[case], precision=p) for p in ("float32", "float64"))
+    assert (single != double).mean() > 0.5
+
+
+def test_double_precision_is_used_where_single_is_not_enough():
+    single, double = (
+        kernels.log_mixture_density(*ADVERSARIES["a wide cloud"], precision=p) for p in ("float32", "float64")
+    )
+    np.testing.assert_array_equal(single, double)
 
 
 @every_adversary

@@ -28,7 +28,7 @@ _FRACTION_BITS = 32
 _ONE = 2.0**_FRACTION_BITS
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class EdgeMap:
     """The edges of a frame, with a margin so wide that a scan within ``reach`` never leaves the array.
 
@@ -67,7 +67,7 @@ def pad_edges(edges: ArrayLike, reach: int) -> EdgeMap:
     return EdgeMap(frozen(padded), reach)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Scan:
     edges: EdgeMap
     transforms: FloatArray

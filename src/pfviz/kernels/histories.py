@@ -31,9 +31,10 @@ Precision = Literal["float32", "float64"]
 _LOG_2 = math.log(2.0)
 
 # In single precision a pair's exponent is wrong by up to the rounding of its coordinates times their
-# distance. A cloud within 64 sigma of its centre and a sum of at least 2**-64 (9.4 sigma) bound that error to
-# 1e-4; all else is done in double precision.
-_WIDEST_SINGLE = 64.0
+# distance. Coordinates of at most 48 / sqrt(d) (57 sigma in one dimension) and sums of at least 2**-64 (no
+# further than 9.4 sigma from the nearest histories) keep that error below 1e-4; all else is done in double
+# precision.
+_WIDEST_SINGLE = 48.0
 _SMALLEST_TOTAL = 2.0**-64
 
 _PAIRS_PER_CHUNK = 1 << 18
@@ -119,7 +120,7 @@ def log_mixture_density_numpy(
     return _sample_numpy(problem, np.empty(0))[0]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Problem:
     """Histories of positive weight, and innovations, in coordinates where ``term = 2**(base - |z - u|^2)``.
 
@@ -249,7 +250,7 @@ def _sample_numpy(problem: _Problem, uniforms: FloatArray) -> tuple[FloatArray, 
     return log_mixture, ancestors
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class _Lanes:
     """A problem laid out for the compiled kernels: at least two coordinates, histories in lane order and
     padded."""
@@ -280,7 +281,8 @@ def _sample_compiled(
 ) -> tuple[FloatArray, IntArray]:
     """Plainly; the rows that underflow again with log-sum-exp; and those whose logarithms overflow by the
     twin."""
-    if precision == "float32" and not np.abs(problem.histories).max() <= _WIDEST_SINGLE:
+    widest = float(np.abs(problem.histories).max()) * math.sqrt(len(problem.histories))
+    if precision == "float32" and not widest <= _WIDEST_SINGLE:
         precision = "float64"
     lanes = _Lanes.of(kernels, problem, precision)
     totals, ancestors = np.empty(problem.count), np.zeros(problem.count, dtype=np.int64)
