@@ -102,5 +102,5 @@ def is_missing(observation: Any) -> bool:
 
 
 def shift(states: FloatArray, innovation: FloatArray) -> FloatArray:
-    """The states ``(N, p, k)`` that follow ``states`` when ``innovation (N, k)`` is put in front (f2 of the sources)."""
+    """The states ``(N, p, k)`` that follow when ``innovation (N, k)`` is put in front of ``states``: f2."""
     return np.concatenate([innovation[:, None], states[:, :-1]], axis=1)

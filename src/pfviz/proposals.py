@@ -22,7 +22,8 @@ class GaussianMixture:
         components: the components of the innovation that are proposed; the first d by default.
 
     Raises:
-        ValueError: if shapes disagree, a weight is negative or the covariance is not positive definite.
+        ValueError: if shapes disagree, a mean is not finite, a weight is negative, the components do not increase, or
+            the covariance is not positive definite.
     """
 
     means: FloatArray
@@ -34,17 +35,17 @@ class GaussianMixture:
         means, covariance = readonly(self.means), readonly(self.covariance)
         if means.ndim != 2 or not len(means):
             raise ValueError(f"means must have shape (m, d) with m >= 1, got {means.shape}")
+        if not np.isfinite(means).all():
+            raise ValueError("means must be finite, got NaN or infinity")
         m, d = means.shape
         weights = np.ones(m) if self.weights is None else np.asarray(self.weights, dtype=float)
         if weights.shape != (m,) or not (weights >= 0).all() or not 0 < weights.sum() < np.inf:
-            raise ValueError(
-                f"weights must be {m} non-negative numbers, not all zero, got {weights.tolist()}"
-            )
+            raise ValueError(f"weights must be {m} non-negative numbers, not all zero, got {weights.tolist()}")
         components = self.components or tuple(range(d))
         if len(components) != d or covariance.shape != (d, d):
-            raise ValueError(
-                f"means are {d}-dimensional, covariance {covariance.shape}, components {components}"
-            )
+            raise ValueError(f"means are {d}-dimensional, covariance {covariance.shape}, components {components}")
+        if sorted(set(components)) != list(components):
+            raise ValueError(f"components must be increasing, got {components}")
         object.__setattr__(self, "means", means)
         object.__setattr__(self, "covariance", covariance)
         object.__setattr__(self, "weights", readonly(weights / weights.sum()))
@@ -62,8 +63,5 @@ class GaussianMixture:
         factor: FloatArray = self._factor  # type: ignore[attr-defined]
         with np.errstate(divide="ignore"):
             log_weights = np.log(np.asarray(self.weights))
-        terms = [
-            lw + log_gaussian(proposed - mean, factor)
-            for lw, mean in zip(log_weights, self.means, strict=True)
-        ]
+        terms = [lw + log_gaussian(proposed - mean, factor) for lw, mean in zip(log_weights, self.means, strict=True)]
         return np.logaddexp.reduce(terms, axis=0)

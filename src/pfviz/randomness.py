@@ -1,7 +1,7 @@
 """Random numbers that can be replayed, one independent stream for each purpose within a step.
 
-A step at time t draws from ``step_rng(seed, t)``, so any step can be replayed alone. Inside the step every purpose has a
-stream of its own, so two filters run in lock-step on the same seed share their proposal draws even when one of them
+A step at time t draws from ``step_rng(seed, t)``, so any step can be replayed alone. Inside the step every purpose has
+a stream of its own, so two filters run in lock-step on the same seed share their proposal draws even when one of them
 resamples and the other does not.
 """
 

@@ -56,9 +56,7 @@ class Association:
         order = np.argsort(-row, kind="stable")[:count]
         return order, row[order]
 
-    def strongest_pairs(
-        self, count: int, indices: IntArray | None = None
-    ) -> tuple[IntArray, IntArray, FloatArray]:
+    def strongest_pairs(self, count: int, indices: IntArray | None = None) -> tuple[IntArray, IntArray, FloatArray]:
         """The ``count`` pairs of innovation and history with the largest w_l p(u_i | x_l).
 
         Args:

@@ -66,9 +66,7 @@ class ToyModel:
         return self.detector(observation)
 
     def sample_prior(self, rng: np.random.Generator, count: int) -> FloatArray:
-        factor = np.linalg.cholesky(self.prior.covariance)
-        stacked = self.prior.mean + rng.standard_normal((count, len(self.prior.mean))) @ factor.T
-        return stacked.reshape(count, self.dynamics.order, self.dynamics.dimension)
+        return self.prior.sample(rng, count).reshape(count, self.dynamics.order, self.dynamics.dimension)
 
     def with_noise(self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0) -> ToyModel:
         """The same model believing in other noise: each argument multiplies a standard deviation."""
@@ -176,7 +174,7 @@ def _linear_gaussian() -> World:
     return World(
         "linear-gaussian",
         "Linear and Gaussian: the exact answer is known",
-        "The Kalman filter is exact here: every filter must agree with the black curve, the better ones with fewer particles.",
+        "Kalman is exact here: every filter must agree with the black curve, the better ones with fewer particles.",
         ToyModel(dynamics, GaussianObservation(np.array([[0.25]])), detector, _stationary(dynamics)),
         extent=5.0,
         n_particles=100,

@@ -20,12 +20,18 @@ def cholesky_factor(covariance: FloatArray, name: str = "covariance") -> FloatAr
     """
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
         raise ValueError(f"{name} must be a square matrix, got shape {covariance.shape}")
-    if not np.isfinite(covariance).all() or not np.allclose(covariance, covariance.T, rtol=1e-9, atol=0.0):
+    if not np.isfinite(covariance).all() or not is_symmetric(covariance):
         raise ValueError(f"{name} must be symmetric and finite, got {covariance.tolist()}")
     try:
         return np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:
         raise ValueError(f"{name} must be positive definite, got {covariance.tolist()}") from None
+
+
+def is_symmetric(matrix: FloatArray) -> bool:
+    """Whether a matrix equals its transpose, up to what rounding leaves relative to its diagonal."""
+    scale = np.sqrt(np.abs(np.diag(matrix)))
+    return bool(np.all(np.abs(matrix - matrix.T) <= 1e-9 * np.outer(scale, scale)))
 
 
 def log_gaussian(deviations: FloatArray, factor: FloatArray) -> FloatArray:

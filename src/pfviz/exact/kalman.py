@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfviz.dynamics import Autoregression
-from pfviz.dynamics.autoregressive import cholesky_factor, log_gaussian
+from pfviz.dynamics.autoregressive import cholesky_factor, is_symmetric, log_gaussian
 from pfviz.particles import FloatArray, readonly
 
 
@@ -17,15 +17,31 @@ class Gaussian:
 
     Attributes:
         mean: ``(d,)``.
-        covariance: ``(d, d)``.
+        covariance: ``(d, d)``; may be flat in some directions, so that what is known exactly can be said.
+
+    Raises:
+        ValueError: if the shapes disagree, a number is not finite, or the covariance is not symmetric or has a
+            negative eigenvalue.
     """
 
     mean: FloatArray
     covariance: FloatArray
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mean", readonly(self.mean))
-        object.__setattr__(self, "covariance", readonly(self.covariance))
+        mean, covariance = readonly(self.mean), readonly(self.covariance)
+        if mean.ndim != 1 or not len(mean):
+            raise ValueError(f"mean must have shape (d,), got {mean.shape}")
+        if covariance.shape != 2 * mean.shape:
+            raise ValueError(f"covariance must have shape {2 * mean.shape}, got {covariance.shape}")
+        if not (np.isfinite(mean).all() and np.isfinite(covariance).all()):
+            raise ValueError("mean and covariance must be finite, got NaN or infinity")
+        if not is_symmetric(covariance):
+            raise ValueError(f"covariance must be symmetric, got {covariance.tolist()}")
+        eigenvalues = np.linalg.eigvalsh(covariance)
+        if eigenvalues[0] < -1e-9 * max(eigenvalues[-1], 0.0) or eigenvalues[-1] < 0.0:
+            raise ValueError(f"covariance has the negative eigenvalue {eigenvalues[0]:.3g}")
+        object.__setattr__(self, "mean", mean)
+        object.__setattr__(self, "covariance", covariance)
 
     def leading(self, dimension: int) -> Gaussian:
         """The marginal of the first ``dimension`` components: of the innovation, when that is its dimension."""
@@ -34,6 +50,16 @@ class Gaussian:
     def log_density(self, points: FloatArray) -> FloatArray:
         """``(N,)``: the log-density at ``points (N, d)``."""
         return log_gaussian(points - self.mean, cholesky_factor(self.covariance))
+
+    def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
+        """``(count, d)`` draws."""
+        noise = rng.standard_normal((count, len(self.mean)))
+        try:
+            factor = np.linalg.cholesky(self.covariance)
+        except np.linalg.LinAlgError:
+            eigenvalues, vectors = np.linalg.eigh(self.covariance)
+            factor = vectors * np.sqrt(np.maximum(eigenvalues, 0.0))
+        return self.mean + noise @ factor.T
 
 
 @dataclass(frozen=True, slots=True)

@@ -40,9 +40,7 @@ class BasicSir:
     def initial(self, rng: np.random.Generator, model: Model) -> ParticleSet:
         return steps.sample_prior(rng, model, self.n_particles)
 
-    def step(
-        self, rng: np.random.Generator, model: Model, particles: ParticleSet, observation: Any
-    ) -> StepRecord:
+    def step(self, rng: np.random.Generator, model: Model, particles: ParticleSet, observation: Any) -> StepRecord:
         streams = Streams(rng)
         if is_missing(observation):
             return steps.predict_only(streams, model, particles, observation)

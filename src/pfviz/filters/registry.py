@@ -24,9 +24,7 @@ class Filter(Protocol):
         """The particle set at time 0, drawn from the model's prior."""
         ...
 
-    def step(
-        self, rng: np.random.Generator, model: Model, particles: ParticleSet, observation: Any
-    ) -> StepRecord:
+    def step(self, rng: np.random.Generator, model: Model, particles: ParticleSet, observation: Any) -> StepRecord:
         """One iteration, recorded stage by stage. ``rng`` is used for its seed: equal seeds, equal steps."""
         ...
 

@@ -22,12 +22,17 @@ class FilterError(ValueError):
 
 def check_settings(n_particles: int, resampling: str = "systematic", ess_threshold: float = 1.0) -> None:
     """Raise a ``FilterError`` that names the setting, its value and what was expected."""
-    if not isinstance(n_particles, (int, np.integer)) or n_particles < 1:
+    if not isinstance(n_particles, (int, np.integer)) or isinstance(n_particles, bool) or n_particles < 1:
         raise FilterError(f"n_particles must be a whole number of at least 1, got {n_particles!r}")
     if resampling not in RESAMPLERS:
         raise FilterError(f"resampling must be one of {', '.join(RESAMPLERS)}, got {resampling!r}")
-    if not 0.0 <= ess_threshold <= 1.0:
-        raise FilterError(f"ess_threshold must be between 0 and 1, got {ess_threshold!r}")
+    check_share("ess_threshold", ess_threshold)
+
+
+def check_share(name: str, value: float) -> None:
+    """Raise a ``FilterError`` unless ``value`` is a number between 0 and 1."""
+    if not isinstance(value, (int, float, np.number)) or not 0.0 <= value <= 1.0:
+        raise FilterError(f"{name} must be between 0 and 1, got {value!r}")
 
 
 def sample_prior(rng: np.random.Generator, model: Model, n_particles: int) -> ParticleSet:
@@ -69,9 +74,7 @@ class Associated:
     log_mixture: FloatArray
 
 
-def restricted(
-    dynamics: Dynamics, states: FloatArray, components: Components
-) -> tuple[FloatArray, FloatArray]:
+def restricted(dynamics: Dynamics, states: FloatArray, components: Components) -> tuple[FloatArray, FloatArray]:
     """Means ``(N, d)`` and covariance ``(d, d)`` of p(u | x) for the proposed ``components``."""
     chosen = list(components)
     return dynamics.predict(states)[:, chosen], dynamics.noise_covariance[np.ix_(chosen, chosen)]
@@ -84,9 +87,7 @@ def sample_histories(
     innovations = proposed.particles.innovation
     means, covariance = restricted(dynamics, histories.states, components)
     uniforms = streams.of("associate").random(len(innovations))
-    log_mixture, chosen = kernels.sample_histories(
-        innovations, means, histories.log_weights, covariance, uniforms
-    )
+    log_mixture, chosen = kernels.sample_histories(innovations, means, histories.log_weights, covariance, uniforms)
     association = Association(histories, innovations, chosen, means, covariance)
     everyone = np.arange(len(innovations))
     stage = Stage("associate", proposed.particles, everyone, chosen, association=association)
