@@ -18,6 +18,7 @@ from pfviz.vision.colour import decode
 from pfviz.vision.shapes import Contour
 
 _COLUMNS = 24
+_CELL_SHARE = 0.3
 _SIZE_ON_MAP = 12.0
 _SURROUND = 1.7
 _SURROUND_WEIGHT = 0.5
@@ -107,7 +108,7 @@ class BlobDetector:
     map_scale: float
     kernel: NDArray[np.float32]
     offset: FloatArray
-    sharpness: float = 3.0
+    sharpness: float = 6.0
     floor: float = 0.1
     mass: float = 1.0
 
@@ -159,9 +160,9 @@ class BlobDetector:
 
 
 def _grid_shape(size: tuple[int, int], object_size: float) -> tuple[int, int]:
-    """Rows and columns: 24 columns, or more where a cell would be larger than half of the object."""
+    """Rows and columns: 24 columns, or more where a cell would be more than 0.3 of the object."""
     width, height = size
-    cell = max(2.0, min(width / _COLUMNS, 0.5 * object_size))
+    cell = max(2.0, min(width / _COLUMNS, _CELL_SHARE * object_size))
     return max(1, round(height / cell)), max(1, round(width / cell))
 
 
@@ -194,9 +195,7 @@ def _peak_offset(response: NDArray[np.float32], centre: FloatArray, reach: float
     return np.zeros(2) if total <= 0 else np.array([(weights * dx).sum(), (weights * dy).sum()]) / total
 
 
-def _cells_near(
-    centre: FloatArray, reach: float, shape: tuple[int, int], size: tuple[int, int]
-) -> NDArray[np.bool_]:
+def _cells_near(centre: FloatArray, reach: float, shape: tuple[int, int], size: tuple[int, int]) -> NDArray[np.bool_]:
     rows, columns = np.indices(shape)
     x = (columns + 0.5) * size[0] / shape[1]
     y = (rows + 0.5) * size[1] / shape[0]

@@ -14,14 +14,19 @@ from pfviz.vision.video import Image
 _BITS = 5
 _LEVELS = 1 << _BITS
 _SPREAD = (10.0, 5.0, 5.0)
-CODE_ZERO, CODE_STEPS = 128, 32.0
+CODE_ZERO, CODE_STEPS = 128, 60.0
+MOST = 2.0
 _OBJECT_GAUSSIANS, _BACKGROUND_GAUSSIANS = 3, 5
 _UNSEEN_OBJECT, _UNSEEN_BACKGROUND = 0.02, 0.1
 
 
 def encode(log_ratio: FloatArray) -> NDArray[np.uint8]:
-    """Log-ratios as bytes, in steps of 1/32 about 128; beyond +-4 they are cut off."""
-    return np.clip(np.rint(log_ratio * CODE_STEPS) + CODE_ZERO, 0, 255).astype(np.uint8)
+    """Log-ratios as bytes, in steps of 1/60 about 128, cut off at +-2.
+
+    So no pixel says more than 7 to 1: what counts is that a region is of the object's colours, not how very
+    much of them.
+    """
+    return np.rint(np.clip(log_ratio, -MOST, MOST) * CODE_STEPS + CODE_ZERO).astype(np.uint8)
 
 
 def decode(codes: NDArray[np.uint8]) -> FloatArray:
@@ -124,7 +129,7 @@ def _fitted(colours: FloatArray, gaussians: int, limit: int = 4000) -> GaussianC
     return GaussianColours.fit(colours[::stride], gaussians)
 
 
-def _indices(image: Image) -> NDArray[np.uint16]:
+def _indices(image: Image) -> NDArray[np.integer]:
     """``(h, w)``: five bits of each channel, side by side."""
     leading = (image >> (8 - _BITS)).astype(np.uint16)
     return (leading[..., 0] << (2 * _BITS)) | (leading[..., 1] << _BITS) | leading[..., 2]

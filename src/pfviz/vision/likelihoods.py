@@ -8,11 +8,19 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from pfviz.kernels import EdgeMap, scan_contours, scan_offsets_numpy
 from pfviz.particles import FloatArray, readonly
 from pfviz.vision.colour import decode
 from pfviz.vision.shapes import Contour, apply
 
 _CODE_VALUES = decode(np.arange(256, dtype=np.uint8))
+
+
+def pixel_centred(transforms: FloatArray) -> FloatArray:
+    """``(N, 2, 3)``: the same transforms where the middle of the first pixel is at 0 instead of 1/2."""
+    centred = np.array(transforms)
+    centred[:, :, 2] -= 0.5
+    return centred
 
 
 @dataclass(frozen=True)
@@ -44,28 +52,19 @@ class ContourLikelihood:
         distances = np.arange(self.search + 2).clip(max=self.search)
         return -self.temper * 0.5 * np.square(distances / self.sigma)
 
-    def log_likelihood(self, transforms: FloatArray, edges: NDArray[np.uint8]) -> FloatArray:
-        """``(N,)``: for outlines put by ``transforms (N, 2, 3)`` into the image of ``edges (h, w)``."""
-        return _scan(edges, transforms, self.points, self.normals, self.cost)
+    def log_likelihood(self, transforms: FloatArray, edges: EdgeMap) -> FloatArray:
+        """``(N,)``: for outlines put by ``transforms (N, 2, 3)`` into the image of these ``edges``."""
+        return scan_contours(edges, pixel_centred(transforms), self.points, self.normals, self.cost)
+
+    def edge_offsets(self, transforms: FloatArray, edges: EdgeMap) -> NDArray[np.int64]:
+        """``(N, L)``: where along each normal the nearest edge lies, in working pixels, outward positive.
+
+        ``search + 1`` where there is none.
+        """
+        return scan_offsets_numpy(edges, pixel_centred(transforms), self.points, self.normals, self.search)
 
     def with_noise(self, factor: float) -> ContourLikelihood:
         return replace(self, sigma=self.sigma * factor)
-
-
-def _scan(edges, transforms, points, normals, cost):
-    search = len(cost) - 2
-    at = apply(transforms, points)
-    directions = normals @ transforms[:, :, :2].transpose(0, 2, 1)
-    directions = directions / np.linalg.norm(directions, axis=2, keepdims=True)
-    best = np.full(at.shape[:2], cost[-1])
-    h, w = edges.shape
-    for d in range(search, -1, -1):
-        for sign in (1, -1):
-            p = np.rint(at + sign * d * directions).astype(int)
-            ok = (p[..., 0] >= 0) & (p[..., 0] < w) & (p[..., 1] >= 0) & (p[..., 1] < h)
-            hit = ok & (edges[p[..., 1].clip(0, h - 1), p[..., 0].clip(0, w - 1)] > 0)
-            best[hit] = cost[d]
-    return best.sum(axis=1)
 
 
 @dataclass(frozen=True)
@@ -88,9 +87,7 @@ class ColourLikelihood:
     strength: float
 
     @classmethod
-    def around(
-        cls, contour: Contour, strength: float, inside: int = 48, band: float = 0.15
-    ) -> ColourLikelihood:
+    def around(cls, contour: Contour, strength: float, inside: int = 48, band: float = 0.15) -> ColourLikelihood:
         """Points spread evenly inside ``contour``, and one outside each of its normals.
 
         ``band`` is how far outside, relative to the contour's size.

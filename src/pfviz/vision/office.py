@@ -27,7 +27,7 @@ def paint_office(rng: np.random.Generator, size: tuple[int, int]) -> NDArray[np.
     brush = _Brush(np.empty((size[1] * _FINE, size[0] * _FINE, 3), np.float32), rng)
     for paint in (_wall, _window, _pin_board, _shelves, _table, _screen, _papers, _mug, _cables, _pens):
         paint(brush)
-    return cv2.resize(brush.canvas, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(cv2.resize(brush.canvas, size, interpolation=cv2.INTER_AREA), dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,9 +137,7 @@ def _row_of_books(brush: _Brush, left: float, right: float, board: float) -> Non
         brush.polygon([(x, board), (x + w, board), (x + w + lean, board - h), (x + lean, board - h)], colour)
         brush.line([(x, board), (x + lean, board - h)], colour * 0.6, 0.5)
         band = rng.uniform(0.2, 0.7) * h
-        brush.rectangle(
-            x + 0.8 + lean / 2, board - band, max(w - 1.6, 0.8), rng.uniform(1, 3), colour * 0.5 + 110
-        )
+        brush.rectangle(x + 0.8 + lean / 2, board - band, max(w - 1.6, 0.8), rng.uniform(1, 3), colour * 0.5 + 110)
         x += w
 
 

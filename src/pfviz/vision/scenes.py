@@ -163,9 +163,7 @@ SCENES: dict[str, Callable[[int], Scene]] = {"twin": Scene}
 def shape() -> FloatArray:
     """``(96, 2)``: the outline of object and twin about its centroid, in pixels at scale 1."""
     angles = np.linspace(0.0, 2.0 * np.pi, 96, endpoint=False)
-    radii = (
-        1.0 + 0.15 * np.cos(2 * angles + 0.4) + 0.14 * np.cos(3 * angles - 1.1) + 0.05 * np.cos(5 * angles)
-    )
+    radii = 1.0 + 0.15 * np.cos(2 * angles + 0.4) + 0.14 * np.cos(3 * angles - 1.1) + 0.05 * np.cos(5 * angles)
     outline = _RADIUS * radii[:, None] * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     return outline - centroid(outline)
 

@@ -57,9 +57,7 @@ class Contour:
     def __post_init__(self) -> None:
         control = np.asarray(self.control_points, dtype=float)
         if control.ndim != 2 or control.shape[1] != 2 or len(control) < 4 or not np.isfinite(control).all():
-            raise ValueError(
-                f"control_points must be at least 4 finite points (m, 2), got shape {control.shape}"
-            )
+            raise ValueError(f"control_points must be at least 4 finite points (m, 2), got shape {control.shape}")
         if self.count < 4:
             raise ValueError(f"count must be at least 4, got {self.count}")
         if signed_area(control) < 0:
@@ -97,9 +95,7 @@ class Contour:
         return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])
 
 
-def contour_from_box(
-    width: float, height: float, roundness: float = 2.5, count: int = DEFAULT_POINTS
-) -> Contour:
+def contour_from_box(width: float, height: float, roundness: float = 2.5, count: int = DEFAULT_POINTS) -> Contour:
     """The superellipse inscribed in a box: an ellipse for ``roundness`` 2, nearer to the box the larger it
     is.
 
@@ -204,4 +200,4 @@ def _fit(polygon: FloatArray, count: int) -> Contour:
     columns = (np.floor(parameters).astype(int)[:, None] + np.arange(-1, 3)) % _CONTROL_POINTS
     design[np.arange(len(parameters))[:, None], columns] = _weights(parameters)
     control, *_ = np.linalg.lstsq(design, target, rcond=None)
-    return Contour(control, count)
+    return Contour(readonly(control), count)

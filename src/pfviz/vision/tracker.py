@@ -13,67 +13,60 @@ from pfviz.names import find
 from pfviz.particles import FloatArray, ParticleSet, readonly
 from pfviz.record import StepRecord
 from pfviz.vision.blob import BlobDetector, GridProposal
-from pfviz.vision.colour import CODE_ZERO, ColourRatio
+from pfviz.vision.colour import ColourRatio
+from pfviz.vision.features import (
+    FeatureExtractor,
+    FrameFeatures,
+    learn_edge_threshold,
+    working_image,
+    working_scale,
+)
 from pfviz.vision.likelihoods import ColourLikelihood, ContourLikelihood
 from pfviz.vision.segmentation import box_error, segment
-from pfviz.vision.shapes import Contour, contour_from_box, contour_from_mask, contour_from_polygon, transforms
+from pfviz.vision.shapes import (
+    DEFAULT_POINTS,
+    Contour,
+    contour_from_box,
+    contour_from_mask,
+    contour_from_polygon,
+    transforms,
+)
 from pfviz.vision.video import DEFAULT_FRAME_RATE, Box, Image
 
-WORKING_WIDTH = 320
 DEFAULT_MODEL = "contour+colour"
 MODELS = {
     "contour": "the nearest edge along each normal of the outline (CONDENSATION)",
     "colour": "the object's colours inside the outline, the background's just outside",
     "contour+colour": "the product of the two, taken as independent",
 }
-_SMALLEST_WORKING_SIZE = 24.0
-_LARGEST_WORKING_WIDTH = 960
 
 
-@dataclass(frozen=True)
-class FrameFeatures:
-    """What the tracker sees of a frame, all at the working size.
-
-    Attributes:
-        edges: ``(h, w)``, 255 on edges.
-        ratio: ``(h + 2, w + 2)``, the colour ratio as ``pfviz.vision.colour.encode`` writes it, with a
-            neutral margin.
-        proposal: where the blob detector would look.
-    """
-
-    edges: NDArray[np.uint8]
-    ratio: NDArray[np.uint8]
-    proposal: GridProposal
-
-    @property
-    def nbytes(self) -> int:
-        return self.edges.nbytes + self.ratio.nbytes + self.proposal.nbytes
-
-
-@dataclass(frozen=True)
-class FeatureExtractor:
-    """From a frame to its features.
+@dataclass(frozen=True, slots=True)
+class TrackerOptions:
+    """What a tracker assumes before it has seen anything. Lengths are relative, so that it works for any
+    video.
 
     Attributes:
-        working_scale: pixels of the working image per pixel of the frame.
-        colours: of object and background.
-        detector: of blobs of the object's colour.
-        edge_threshold: Canny's upper threshold on the gradient; the lower one is 0.4 of it.
+        normals: points of the outline that are measured.
+        independent_normals: how many of them count as independent; tempers the contour likelihood.
+        independent_pixels: how many of the pixels inside and outside count as independent; tempers the colour
+            one.
+        position_noise: standard deviation of the position's noise at 30 frames per second, relative to the
+            geometric mean of the object's size and the frame's diagonal.
+        rotation_noise: the same of rotation, in radians.
+        scale_noise: the same of the logarithm of scale.
+        keep: the part of the velocities of x, y, rotation and log scale kept after 1/30 second.
+        scale_spring: the part of the log scale drawn back towards zero in 1/30 second.
     """
 
-    working_scale: float
-    colours: ColourRatio
-    detector: BlobDetector
-    edge_threshold: float
-
-    def __call__(self, image: Image) -> FrameFeatures:
-        working = working_image(image, self.working_scale)
-        ratio = self.colours.of(working)
-        edges = cv2.Canny(
-            *_gradients(working, ratio), 0.4 * self.edge_threshold, self.edge_threshold, L2gradient=True
-        )
-        padded = cv2.copyMakeBorder(ratio, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=CODE_ZERO)
-        return FrameFeatures(edges, padded, self.detector.detect(ratio))
+    normals: int = 32
+    independent_normals: float = 4.0
+    independent_pixels: float = 4.0
+    position_noise: float = 0.02
+    rotation_noise: float = 0.04
+    scale_noise: float = 0.015
+    keep: tuple[float, float, float, float] = (0.9, 0.9, 0.8, 0.7)
+    scale_spring: float = 0.002
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +136,7 @@ class TrackerModel:
         matrices = transforms(innovation, self.extractor.working_scale)
         total = np.zeros(len(innovation))
         if self.contour_likelihood is not None:
-            total += self.contour_likelihood.log_likelihood(matrices, observation.edges)
+            total += self.contour_likelihood.log_likelihood(matrices, observation.edge_map)
         if self.colour_likelihood is not None:
             total += self.colour_likelihood.log_likelihood(matrices, observation.ratio)
         return total
@@ -158,9 +151,7 @@ class TrackerModel:
         previous = self.start + position - velocity
         return np.stack([previous, previous - velocity], axis=1)
 
-    def with_noise(
-        self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0
-    ) -> TrackerModel:
+    def with_noise(self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0) -> TrackerModel:
         """The same model with the standard deviations of its noises multiplied by these factors."""
         contour, colour = self.contour_likelihood, self.colour_likelihood
         detector = self.extractor.detector.widened(proposal)
@@ -210,21 +201,13 @@ def _heaviest_place(positions: FloatArray, weights: FloatArray, reach: float) ->
     return np.average(positions[heaviest], axis=0, weights=weights[heaviest] + 1e-300)
 
 
-def working_image(image: Image, scale: float) -> Image:
-    """``image`` at the working size."""
-    if scale == 1.0:
-        return image
-    size = round(image.shape[1] * scale), round(image.shape[0] * scale)
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
-
-
 def learn_tracker(
     image: Image,
     box: Box | None = None,
     polygon: ArrayLike | None = None,
     frame_rate: float = DEFAULT_FRAME_RATE,
     model: str = DEFAULT_MODEL,
-    contour: tuple[Contour, FloatArray] | None = None,
+    options: TrackerOptions | None = None,
 ) -> TrackerModel:
     """A tracker for the object in ``box`` (or inside ``polygon``) in one BGR ``image``.
 
@@ -235,27 +218,28 @@ def learn_tracker(
         polygon: ``(n, 2)``, the outline, clicked; used instead of the segmentation.
         frame_rate: frames per second: at a lower rate more happens between two frames.
         model: what is measured, a key of ``MODELS``.
-        contour: an outline and its centre that are already known.
+        options: what else is assumed.
 
     Raises:
         ValueError: if neither box nor polygon is given, or the box does not fit the frame.
         UnknownName: if there is no such model.
     """
     find(MODELS, model, "model")
+    options = options or TrackerOptions()
     size = (image.shape[1], image.shape[0])
     if box is not None and (problem := box_error(box, size)):
         raise ValueError(problem)
-    contour, centre = contour or learn_contour(image, box, polygon)
-    scale = _working_scale(size, contour.size)
-    working = working_image(image, scale)
-    inside, near = _regions(contour, centre, scale, working.shape[:2])
-    colours = ColourRatio.learn(working, inside, near)
-    ratio = colours.of(working)
-    start = readonly([centre[0], centre[1], 0.0, 0.0])
-    detector = BlobDetector.learn(ratio, contour, centre, scale, size)
-    threshold = _edge_threshold(working, ratio, contour, start, scale)
-    dynamics = hand_held_motion(size, frame_rate)
-    search = int(np.clip(0.2 * contour.size * scale, 5, 14))
+    contour, centre = learn_contour(image, box, polygon, options.normals)
+    start = readonly(np.array([centre[0], centre[1], 0.0, 0.0]))
+    dynamics = hand_held_motion(size, contour.size, frame_rate, options)
+    extractor = learn_features(image, contour, start)
+    normals = ContourLikelihood(
+        points=contour.points,
+        normals=contour.normals,
+        search=extractor.reach,
+        sigma=extractor.reach / 3.0,
+        temper=options.independent_normals / contour.count,
+    )
     return TrackerModel(
         name=model,
         contour=contour,
@@ -263,57 +247,67 @@ def learn_tracker(
         start=start,
         dynamics=dynamics,
         prior_deviation=_prior_deviation(dynamics, contour.size),
-        extractor=FeatureExtractor(scale, colours, detector, threshold),
-        contour_likelihood=ContourLikelihood(
-            contour.points, contour.normals, search, search / 3.0, 8.0 / contour.count
-        )
-        if "contour" in model
-        else None,
-        colour_likelihood=ColourLikelihood.around(contour, 4.0) if "colour" in model else None,
+        extractor=extractor,
+        contour_likelihood=normals if "contour" in model else None,
+        colour_likelihood=ColourLikelihood.around(contour, options.independent_pixels) if "colour" in model else None,
     )
 
 
-def learn_contour(image: Image, box: Box | None, polygon: ArrayLike | None) -> tuple[Contour, FloatArray]:
+def learn_features(image: Image, contour: Contour, start: FloatArray) -> FeatureExtractor:
+    """What tells the object from its background in one BGR ``image``, where ``contour`` lies at ``start (4,)``."""
+    size = (image.shape[1], image.shape[0])
+    scale = working_scale(size, contour.size)
+    working = working_image(image, scale)
+    inside, near = _regions(contour, start[:2], scale, working.shape[:2])
+    colours = ColourRatio.learn(working, inside, near)
+    ratio = colours.of(working)
+    detector = BlobDetector.learn(ratio, contour, start[:2], scale, size)
+    threshold = learn_edge_threshold(working, ratio, contour, start, scale)
+    reach = int(np.clip(0.2 * contour.size * scale, 5, 14))
+    return FeatureExtractor(scale, colours, detector, threshold, reach)
+
+
+def learn_contour(
+    image: Image, box: Box | None, polygon: ArrayLike | None, normals: int = DEFAULT_POINTS
+) -> tuple[Contour, FloatArray]:
     """The outline of the object in ``box`` or inside ``polygon``, and its centre ``(2,)`` in the frame."""
     if polygon is not None:
-        return contour_from_polygon(polygon)
+        return contour_from_polygon(polygon, normals)
     if box is None:
         raise ValueError("a box or an outline of the object is needed")
     scale = min(1.0, 96.0 / np.sqrt(box[2] * box[3]))
     x, y, w, h = box
     mask = segment(working_image(image, scale), (x * scale, y * scale, w * scale, h * scale))
     if mask is None:
-        return contour_from_box(w, h), np.array([x + w / 2, y + h / 2])
-    contour, centre = contour_from_mask(mask)
-    return Contour(contour.control_points / scale, contour.count), (centre + 0.5) / scale
+        return contour_from_box(w, h, count=normals), np.array([x + w / 2, y + h / 2])
+    contour, centre = contour_from_mask(mask, normals)
+    return Contour(contour.control_points / scale, normals), (centre + 0.5) / scale
 
 
-def hand_held_motion(size: tuple[int, int], frame_rate: float) -> Autoregression:
+def hand_held_motion(
+    size: tuple[int, int], object_size: float, frame_rate: float, options: TrackerOptions | None = None
+) -> Autoregression:
     """Second-order dynamics of something that a hand moves: velocities that fade, driven by noise.
 
     Position and rotation keep a part of their velocity; the logarithm of scale does too and is drawn back to
-    zero, its mean (the constrained process of Odobez' lecture). The deviation of the noise belongs to 30
-    frames per second and grows with the power 3/2 of the time between frames, as a velocity that walks at
-    random makes it.
+    zero, its mean (the constrained process of Odobez' lecture). The deviation of the noise grows with the
+    time between frames.
     """
+    options = options or TrackerOptions()
     interval = float(np.clip(DEFAULT_FRAME_RATE / frame_rate, 0.25, 4.0))
-    keep = np.array([0.9, 0.9, 0.8, 0.7]) ** interval
-    spring = np.array([0.0, 0.0, 0.0, 0.002])
-    diagonal = float(np.hypot(*size))
-    deviation = np.array([0.009 * diagonal, 0.009 * diagonal, 0.04, 0.015]) * interval**1.5
+    keep = np.array(options.keep) ** interval
+    spring = np.array([0.0, 0.0, 0.0, options.scale_spring * interval])
+    position = options.position_noise * float(np.sqrt(object_size * np.hypot(*size)))
+    deviation = np.array([position, position, options.rotation_noise, options.scale_noise]) * interval
     coefficients = np.stack([np.diag(1.0 + keep - spring), np.diag(-keep)])
     return Autoregression(coefficients, np.diag(deviation**2))
 
 
 def _prior_deviation(dynamics: Autoregression, object_size: float) -> FloatArray:
+    """``(2, 4)``: of the first state and of its velocity."""
     noise = np.sqrt(np.diag(dynamics.noise_covariance))
-    return readonly([[0.02 * object_size, 0.02 * object_size, 0.03, 0.02], 1.5 * noise])
-
-
-def _working_scale(size: tuple[int, int], object_size: float) -> float:
-    """The working width is 320, or as much more as a small object needs to be 24 pixels across."""
-    scale = max(WORKING_WIDTH / size[0], _SMALLEST_WORKING_SIZE / object_size)
-    return min(1.0, scale, max(_LARGEST_WORKING_WIDTH, WORKING_WIDTH) / size[0])
+    first = np.array([0.02 * object_size, 0.02 * object_size, 0.03, 0.02])
+    return readonly(np.stack([first, 1.5 * noise]))
 
 
 def _regions(
@@ -328,24 +322,3 @@ def _regions(
         return mask.astype(bool)
 
     return filled(0.9), filled(2.0) & ~filled(1.1)
-
-
-def _gradients(working: Image, ratio: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """``(h, w, 3)`` each: the horizontal and vertical derivatives of blurred lightness and colour ratio."""
-    grey = cv2.cvtColor(working, cv2.COLOR_BGR2GRAY)
-    channels = cv2.GaussianBlur(cv2.merge([grey, ratio, ratio]), (0, 0), 1.0)
-    dx = cv2.Sobel(channels, cv2.CV_16S, 1, 0)
-    dy = cv2.Sobel(channels, cv2.CV_16S, 0, 1)
-    return np.asarray(dx, dtype=np.int16), np.asarray(dy, dtype=np.int16)
-
-
-def _edge_threshold(
-    working: Image, ratio: NDArray[np.uint8], contour: Contour, start: FloatArray, scale: float
-) -> float:
-    """Half the typical gradient on the object's own outline: a weaker one is not an edge of it."""
-    dx, dy = _gradients(working, ratio)
-    magnitude = np.hypot(dx, dy).max(axis=2).astype(np.float32)
-    magnitude = cv2.dilate(magnitude, np.ones((3, 3), np.uint8))
-    at = (contour.outlines(start, factor=scale)[0] - 0.5).astype(np.float32)
-    on_outline = cv2.remap(magnitude, at[None, :, 0], at[None, :, 1], cv2.INTER_LINEAR)
-    return float(np.clip(0.5 * np.median(on_outline), 60.0, 400.0))

@@ -5,9 +5,8 @@ from __future__ import annotations
 import os
 from collections import OrderedDict
 from collections.abc import Iterator
-from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Protocol, runtime_checkable
+from typing import Protocol, Self, runtime_checkable
 
 import cv2
 import numpy as np
@@ -33,17 +32,22 @@ class EndOfVideo(IndexError):
 
 @runtime_checkable
 class VideoSource(Protocol):
-    """A numbered sequence of frames of one size.
+    """A numbered sequence of frames of one size."""
 
-    Attributes:
-        name: what to call it on screen and in messages.
-        size: width and height in pixels.
-        frame_rate: frames per second.
-    """
+    @property
+    def name(self) -> str:
+        """What to call it on screen and in messages."""
+        ...
 
-    name: str
-    size: tuple[int, int]
-    frame_rate: float
+    @property
+    def size(self) -> tuple[int, int]:
+        """Width and height in pixels."""
+        ...
+
+    @property
+    def frame_rate(self) -> float:
+        """Frames per second."""
+        ...
 
     @property
     def frame_count(self) -> int | None:
@@ -67,7 +71,7 @@ class VideoSource(Protocol):
         """Give back what the source holds."""
         ...
 
-    def __enter__(self) -> VideoSource: ...
+    def __enter__(self) -> Self: ...
 
     def __exit__(self, *exception: object) -> None: ...
 
@@ -139,27 +143,14 @@ class _FrameCache:
         self._frames.clear()
 
 
-class _Closing(AbstractContextManager["_Closing"]):
-    """A context manager whose exit is ``close``."""
-
-    def close(self) -> None:
-        raise NotImplementedError
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-
-def _silence_opencv() -> None:
+def silence_opencv() -> None:
     """Keep OpenCV and its FFmpeg from writing on stderr: our errors say what is wrong, once."""
     os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
     cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def _capture(source: str | int, backend: int) -> cv2.VideoCapture:
-    _silence_opencv()
+    silence_opencv()
     return cv2.VideoCapture(source, backend)
 
 
@@ -168,7 +159,7 @@ def _frame_rate(capture: cv2.VideoCapture) -> float:
     return rate if np.isfinite(rate) and 1.0 <= rate <= 1000.0 else DEFAULT_FRAME_RATE
 
 
-class VideoFile(_Closing):
+class VideoFile:
     """A video file, decoded by OpenCV.
 
     Reading on is fast. Going back seeks, and checks by the time stamp that the frame is the one that stood
@@ -236,6 +227,12 @@ class VideoFile(_Closing):
         self._capture.release()
         self._cache.clear()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
+
     def _seek(self, index: int) -> None:
         """Bring the decoder to where the next frame is ``index`` (or to the end, if that comes first)."""
         if index < self._next and not self._jump(index):
@@ -269,7 +266,7 @@ class VideoFile(_Closing):
         return np.asarray(image, dtype=np.uint8) if decoded else None
 
 
-class Camera(_Closing):
+class Camera:
     """A camera. Its frames are numbered as they are read, and only recent ones can be read again.
 
     Raises:
@@ -311,3 +308,9 @@ class Camera(_Closing):
     def close(self) -> None:
         self._capture.release()
         self._cache.clear()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
