@@ -380,6 +380,14 @@ def test_the_likeliest_history_is_drawn_far_out(variant):
 
 
 @every_variant
+@pytest.mark.parametrize("n", [2, 16, 128, 1024])
+def test_a_uniform_on_the_boundary_of_two_shares_draws_the_later(variant, n):
+    """Equal terms are exact in any precision, and so are their sums."""
+    _, ancestors = sample(variant, np.zeros((n, 2)), np.zeros((n, 2)), np.zeros(n), np.eye(2), np.arange(n) / n)
+    np.testing.assert_array_equal(ancestors, np.arange(n))
+
+
+@every_variant
 def test_beyond_the_range_of_numbers_the_weights_alone_draw(variant):
     means, weights = np.zeros((4, 2)), np.array([0.0, 0.5, 0.2, 0.3])
     with np.errstate(divide="ignore"):

@@ -294,20 +294,18 @@ def _place_normals(transform, points, normals, shift, placed):
     possible."""
     a, b, c = transform[0, 0], transform[0, 1], transform[0, 2]
     d, e, f = transform[1, 0], transform[1, 1], transform[1, 2]
-    determinant = a * e - b * d
-    sign = 1.0 if determinant > 0.0 else -1.0
     xs, ys, ps, qs = placed[0], placed[1], placed[2], placed[3]
     px, py, mx, my = points[0], points[1], normals[0], normals[1]
     count = 0
     for l in range(len(px)):
         x = (a * px[l] + b * py[l] + c) + shift
         y = (d * px[l] + e * py[l] + f) + shift
-        p = sign * (e * mx[l] - d * my[l])
-        q = sign * (a * my[l] - b * mx[l])
+        p = e * mx[l] - d * my[l]
+        q = a * my[l] - b * mx[l]
         length = math.sqrt(p * p + q * q)
         count += (abs(x) < np.inf) & (abs(y) < np.inf) & (length > 0.0) & (length < np.inf)
         xs[l], ys[l], ps[l], qs[l] = x, y, p / length, q / length
-    return count == len(px) and 0.0 < abs(determinant) < np.inf
+    return count == len(px) and abs(a * e - b * d) > 0.0
 
 
 @kernel(types.void(_in(u1, 2), i8, _in(f8, 3), _in(f8, 2), _in(f8, 2), _in(f8, 1), _out(f8, 1)))

@@ -179,8 +179,7 @@ def _placed(scan: _Scan) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray
     p, q = sign * (e * mx - d * my), sign * (a * my - b * mx)
     length = np.sqrt(p * p + q * q)
     sound = (np.abs(x) < np.inf) & (np.abs(y) < np.inf) & (length > 0.0) & (length < np.inf)
-    sound = sound.all(axis=1) & (np.abs(determinant[:, 0]) > 0.0) & (np.abs(determinant[:, 0]) < np.inf)
-    return x, y, p / length, q / length, sound
+    return x, y, p / length, q / length, sound.all(axis=1) & (np.abs(determinant[:, 0]) > 0.0)
 
 
 def _offsets(scan: _Scan) -> tuple[IntArray, NDArray[np.bool_]]:
