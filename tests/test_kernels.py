@@ -868,6 +868,14 @@ def test_systematic_points_fall_where_they_should(systematic):
     np.testing.assert_array_equal(systematic([1.0, 1.0], 0.9, 1), [1])
 
 
+def test_systematic_writes_nowhere_else(compiled_module):
+    """The last particle's share begins after the last point: its mark would fall outside."""
+    buffer = np.full(6, -7)
+    weights = _read_only(np.array([1.0, 1.0, 1e-3]))
+    assert compiled_module.systematic_ancestors(weights, 0.1, buffer[1:5])
+    np.testing.assert_array_equal(buffer, [-7, 0, 0, 1, 1, -7])
+
+
 def test_systematic_twins_agree():
     rng = np.random.default_rng(8)
     for n in (10, 500, 20_000):

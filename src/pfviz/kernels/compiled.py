@@ -290,8 +290,10 @@ FRACTION_BITS = 32  # of the fixed-point positions; a pixel's index is what is l
 
 @njit(error_model="numpy")
 def _place_normals(transform, points, normals, shift, placed):
-    """Fill ``placed (4, L)`` with x, y and the unit normal of each contour point; False if that is not
-    possible."""
+    """Fill ``placed (4, L)`` with x, y and the unit normal, up to its sign, of each contour point.
+
+    False if the transform is singular or not finite.
+    """
     a, b, c = transform[0, 0], transform[0, 1], transform[0, 2]
     d, e, f = transform[1, 0], transform[1, 1], transform[1, 2]
     xs, ys, ps, qs = placed[0], placed[1], placed[2], placed[3]
