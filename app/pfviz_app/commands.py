@@ -30,6 +30,13 @@ class Step:
 
 
 @dataclass(frozen=True, slots=True)
+class Walk:
+    """Go ``count`` stages forward within the iteration and on into the next, or back where it is negative."""
+
+    count: int = 1
+
+
+@dataclass(frozen=True, slots=True)
 class Seek:
     """Show time ``t`` of what is recorded."""
 
@@ -54,7 +61,7 @@ class Close:
     """The visitor has left."""
 
 
-Command = Set | Play | Step | Seek | Reset | Resize | Close
+Command = Set | Play | Step | Walk | Seek | Reset | Resize | Close
 
 
 def merged(commands: Iterable[Command]) -> list[Command]:

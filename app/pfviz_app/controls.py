@@ -10,7 +10,8 @@ from typing import Any
 
 import viser
 
-from pfviz_app.commands import Command, Play, Reset, Seek, Set, Step
+from pfviz_app.algorithms import algorithm
+from pfviz_app.commands import Command, Play, Reset, Seek, Set, Step, Walk
 from pfviz_app.explanations import explanation, legend
 from pfviz_app.plots import Plots
 from pfviz_app.session import Picture
@@ -21,6 +22,7 @@ Post = Callable[[Command], None]
 _TWO_DOCKS = 1150
 _PATIENCE = 2.0
 """For how many seconds a widget that a visitor has moved is left alone, so that it does not jump back in a drag."""
+_LAST_STAGE, _NEXT_STAGE = "‹ before", "after ›"
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 
 
@@ -60,7 +62,7 @@ class Controls:
         status = f"**{status}**" if picture.message else status
         if self._status.content != status:
             self._status.content = status
-        self._explain(s)
+        self._explain(picture)
         self._plots.draw(picture)
 
     def _show_time(self, picture: Picture) -> None:
@@ -78,12 +80,15 @@ class Controls:
             return False
         return True
 
-    def _explain(self, s: Settings) -> None:
-        key = (s.filter, s.world, s.dark)
-        if key != self._explained:
-            self._explained = key
+    def _explain(self, picture: Picture) -> None:
+        s = picture.settings
+        if (s.filter, s.world, s.dark) != self._explained:
+            self._explained = (s.filter, s.world, s.dark)
             self._text.content = explanation(s.filter, s.world)
             self._legend.content = legend(s.dark)
+        lines = algorithm(s.filter, picture.stage, s.dark)
+        if self._algorithm.content != lines:
+            self._algorithm.content = lines
 
     def _theme(self, dark: bool) -> None:
         self._dark = dark
@@ -97,6 +102,7 @@ class Controls:
         text = gui.add_panel(order=1)
         with text.add_tab("What to look for"):
             self._text = gui.add_markdown("")
+            self._algorithm = gui.add_html("")
         with text.add_tab("Colours"):
             self._legend = gui.add_html("")
         plots = gui.add_panel(order=2)
@@ -119,6 +125,8 @@ class Controls:
         moves = gui.add_button_group("", (_BACK, _STEP, _RESET))
         commands: dict[str, Command] = {_BACK: Step(-1), _STEP: Step(1), _RESET: Reset()}
         moves.on_click(self._posting(lambda: commands[moves.value]))
+        walks = gui.add_button_group("Stage", (_LAST_STAGE, _NEXT_STAGE))
+        walks.on_click(self._posting(lambda: Walk(1 if walks.value == _NEXT_STAGE else -1)))
         self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
         self._time.on_update(self._wishing("time", lambda: self._time.value, Seek))
         self._status = gui.add_markdown("Paused")
@@ -176,6 +184,8 @@ class Controls:
             ("Play or pause", "space", Play()),
             ("Step", "arrowright", Step(1)),
             ("Step back", "arrowleft", Step(-1)),
+            ("Next stage", "arrowdown", Walk(1)),
+            ("Stage before", "arrowup", Walk(-1)),
             ("Reset", "R", Reset()),
         )
         for label, key, command in keys:

@@ -3,41 +3,39 @@
 from __future__ import annotations
 
 from pfviz.filters import FILTERS
-from pfviz.worlds import WORLDS
 from pfviz_app.stage.palette import DARK, LIGHT, Rgb
 
 _LOOK_FOR = {
     "condensation": (
-        "The proposals are drawn **from the dynamics**: each innovation has the history it came from. "
-        "Nothing drawn from the image helps: when the target leaves the cloud, nobody looks elsewhere."
+        "Innovations come **from the dynamics**, each from its own history. Nothing is drawn from the image: when the "
+        "target leaves the cloud, nobody looks elsewhere."
     ),
     "basic-sir": (
-        "Innovation *i* is joined to history *i*, **whatever they are**. A pale arrow is a join that the dynamics "
-        "make next to impossible. Look below: almost all the weight falls on the few pairs that happen to fit."
+        "Innovation *i* is joined to history *i*, **whatever they are**. Grey arrows are next to impossible. Below: "
+        "a few pairs that happen to fit take all the weight."
     ),
     "rb-hs-sir": (
-        "Every innovation **chooses a history** that could have produced it (orange), among all that could (grey). "
-        "Look below: the weight is shared by many particles."
+        "Every innovation **chooses a history** that could have produced it (orange) among all (grey). Below: many "
+        "particles share the weight."
     ),
 }
 _LOOK_FOR["rb-ss-hs-sir"] = (
-    _LOOK_FOR["rb-hs-sir"] + " On the video the detector proposes x and y only; "
-    "rotation and scale follow from the chosen history."
+    _LOOK_FOR["rb-hs-sir"] + " On the video the detector proposes x and y only; the rest follows from the history."
 )
 _PREDICT = {
-    "condensation": "**Predict:** what happens when you make the system noise four times too small?",
-    "basic-sir": "**Predict:** halve the system noise. Does the ESS rise or fall? Then switch the filter.",
-    "rb-hs-sir": "**Predict:** make the proposal four times too wide. Who pays, the ESS or the error?",
-    "rb-ss-hs-sir": "**Predict:** make the proposal four times too wide. Who pays, the ESS or the error?",
+    "condensation": "make the system noise four times too small. What happens?",
+    "basic-sir": "halve the system noise. Does the ESS rise or fall?",
+    "rb-hs-sir": "make the proposal four times too wide. Who pays, ESS or error?",
 }
+_PREDICT["rb-ss-hs-sir"] = _PREDICT["rb-hs-sir"]
 
 
 def explanation(filter_name: str, world: str) -> str:
     """Markdown on what to look for with this filter in this world."""
     info = FILTERS[filter_name]
     look = _LOOK_FOR.get(filter_name, info.summary.capitalize() + ".")
-    predict = _PREDICT.get(filter_name, "")
-    return f"#### {info.title}\n\n{look}\n\n{WORLDS[world].look_for}\n\n{predict}\n"
+    predict = f"**Predict:** {_PREDICT[filter_name]}" if filter_name in _PREDICT else ""
+    return f"#### {info.title}\n\n{look}\n\n{predict}\n"
 
 
 def legend(dark: bool) -> str:

@@ -16,7 +16,7 @@ from typing import Any, Protocol
 from pfviz import kernels
 from pfviz.vision.video import EndOfVideo
 from pfviz.worlds import get_world
-from pfviz_app.commands import Close, Command, Play, Reset, Resize, Seek, Set, Step, merged
+from pfviz_app.commands import Close, Command, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 from pfviz_app.films import ToyFilm, VideoFilm, VideoSetup
 from pfviz_app.room import Room
 from pfviz_app.settings import Settings
@@ -36,6 +36,7 @@ class Picture:
         toy: the toy room.
         tracker: the tracker's room.
         t: the time that is shown.
+        stage: the last stage of its iteration that is shown; None when all are, and the posterior with them.
         last: the last time recorded.
         playing: whether the session runs on.
         message: what went wrong or has ended, in a sentence; empty when all is well.
@@ -45,6 +46,7 @@ class Picture:
     toy: Room[ToyFilm]
     tracker: Room[VideoFilm]
     t: int
+    stage: int | None
     last: int
     playing: bool
     message: str
@@ -74,6 +76,7 @@ class Session:
         self._playing = False
         self._message = ""
         self._t = 0
+        self._stage: int | None = None
         self._due = 0.0
         self._closed = False
         self._start_rooms()
@@ -140,6 +143,9 @@ class Session:
             case Step(count):
                 self._playing = False
                 self._step(count)
+            case Walk(count):
+                self._playing = False
+                self._walk(count)
             case Seek(t):
                 self._playing = False
                 self._seek(t)
@@ -177,7 +183,7 @@ class Session:
 
     def _start_rooms(self) -> None:
         s = self._settings
-        self._message, self._t = "", 0
+        self._message, self._t, self._stage = "", 0, None
         self._plain = not kernels.compiled_ready()
         film = ToyFilm(get_world(s.world), s.seed)
         noises = (s.system, s.observation, s.proposal)
@@ -221,7 +227,7 @@ class Session:
                 return False
             finally:
                 self._rewind(self._last)
-        self._t += 1
+        self._t, self._stage = self._t + 1, None
         return True
 
     def _rewind(self, t: int) -> None:
@@ -229,7 +235,23 @@ class Session:
         self._toy.rewind(t)
         self._tracker.rewind(t)
 
+    def _walk(self, count: int) -> None:
+        """Stage by stage: forward into the next iteration after the posterior, back into the last one."""
+        for _ in range(abs(count)):
+            stages = max(len(room.trace[self._t].stages) for room in (self._toy, self._tracker)) if self._t else 0
+            if count > 0 and (self._stage is None or not stages):
+                self._stage = 0 if self._advance() else None
+            elif count > 0 and self._stage is not None:
+                self._stage = self._stage + 1 if self._stage + 1 < stages else None
+            elif self._stage is None and stages:
+                self._stage = stages - 1
+            elif self._stage:
+                self._stage -= 1
+            else:
+                self._seek(self._t - 1)
+
     def _seek(self, t: int) -> None:
+        self._stage = None
         self._t = min(max(t, self._earliest), self._last)
         self._message = ""
 
@@ -250,5 +272,14 @@ class Session:
 
     def _draw(self) -> None:
         self._view.draw(
-            Picture(self._settings, self._toy, self._tracker, self._t, self._last, self._playing, self._message)
+            Picture(
+                self._settings,
+                self._toy,
+                self._tracker,
+                self._t,
+                self._stage,
+                self._last,
+                self._playing,
+                self._message,
+            )
         )

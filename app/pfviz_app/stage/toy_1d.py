@@ -13,6 +13,7 @@ from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
+from pfviz_app.stage.seen import Seen, relative
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000
@@ -48,14 +49,19 @@ class Toy1d:
         record = picture.toy.trace[picture.t]
         model = picture.toy.outcome(picture.t).model
         assert isinstance(model, ToyModel)
-        self._before(record.previous, palette)
-        self._associations(record, picture.settings.arrows, palette)
-        self._proposed(record, model, palette)
-        self._likelihood(record, model, palette)
-        self._after(record, palette)
-        exact = film.exact(picture.t) if picture.settings.exact else None
-        self._posterior(record.posterior, exact, palette)
-        if picture.settings.truth:
+        seen = Seen(record, picture.stage)
+        self._before(record.previous, seen.before_strengths(), palette)
+        if seen.stage("propose", "predict"):
+            self._proposed(record, model, palette)
+        if seen.stage("associate", "predict"):
+            self._associations(record, picture.settings.arrows, palette)
+        if seen.stage("weight"):
+            self._likelihood(record, model, palette)
+        self._after(seen, palette)
+        if seen.whole:
+            exact = film.exact(picture.t) if picture.settings.exact else None
+            self._posterior(record.posterior, exact, palette)
+        if picture.settings.truth and seen.whole:
             self._truth(float(film.truth(picture.t)[0]), palette)
 
     def _x(self, values: FloatArray) -> FloatArray:
@@ -89,12 +95,11 @@ class Toy1d:
         )
 
     def _start(self, particles: ParticleSet, palette: Palette) -> None:
-        self._before(particles, palette)
+        self._before(particles, relative(particles.weights), palette)
         x, y = self._plot.x + self._plot.width / 2, self._y("proposed")
         self._board.text("toy/hint", "the prior at t = 0: press Play or Step", x, y, palette.ink, "centre")
 
-    def _before(self, particles: ParticleSet, palette: Palette) -> None:
-        strengths = _relative(particles.weights)
+    def _before(self, particles: ParticleSet, strengths: FloatArray, palette: Palette) -> None:
         newer = particles.states[:, 0, 0]
         self._line("newer", "state qₜ", palette.history, palette)
         if particles.order > 1:
@@ -147,12 +152,12 @@ class Toy1d:
         ticks = np.stack([np.stack([x, np.full(len(x), y - 5)], 1), np.stack([x, np.full(len(x), y + 5)], 1)], axis=1)
         self._board.segments("toy/observation", ticks, palette.likelihood, 3.0, 2.0)
 
-    def _after(self, record: StepRecord, palette: Palette) -> None:
-        stage = record.stage("weight")
-        particles = stage.particles if stage else record.posterior
-        histories = stage.histories if stage and stage.histories is not None else record.histories
-        strengths = _relative(particles.weights)
-        older = record.previous.states[np.maximum(histories, 0), 0, 0]
+    def _after(self, seen: Seen, palette: Palette) -> None:
+        after = seen.after()
+        if after is None:
+            return
+        particles, histories, strengths = after
+        older = seen.record.previous.states[np.maximum(histories, 0), 0, 0]
         newer = particles.states[:, 0, 0]
         self._line("history", "history qₜ", palette.posterior, palette)
         self._line("state", "state qₜ₊₁", palette.posterior, palette)
@@ -205,7 +210,3 @@ def smoothed_density(particles: ParticleSet, grid: FloatArray) -> FloatArray:
 def _proposed_values(record: StepRecord) -> FloatArray:
     stage = record.stage("propose") or record.stage("predict")
     return (stage.particles if stage else record.posterior).states[:, 0, 0]
-
-
-def _relative(weights: FloatArray) -> FloatArray:
-    return weights / weights.max()

@@ -16,6 +16,7 @@ from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
+from pfviz_app.stage.seen import Seen, relative
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000
@@ -39,7 +40,8 @@ class Toy2d:
         floor = 0.30 * self._plot.height / (2.0 * film.world.extent * np.sin(_TILT))
         self._unit = min(across, floor)
         if picture.t == 0:
-            self._before(picture.toy.trace.initial, film.world.extent, palette)
+            initial = picture.toy.trace.initial
+            self._before(initial, relative(initial.weights), film.world.extent, palette)
             self._board.text(
                 "toy/hint", "the prior at t = 0: press Play or Step", *self._plot.centre, palette.ink, "centre"
             )
@@ -47,11 +49,14 @@ class Toy2d:
         record = picture.toy.trace[picture.t]
         model = picture.toy.outcome(picture.t).model
         assert isinstance(model, ToyModel)
-        self._before(record.previous, film.world.extent, palette)
-        self._proposed(record, model, film.world.extent, palette)
-        self._associations(record, picture.settings.arrows, palette)
-        self._after(record, film.world.extent, palette)
-        if picture.settings.truth:
+        seen = Seen(record, picture.stage)
+        self._before(record.previous, seen.before_strengths(), film.world.extent, palette)
+        if seen.stage("propose", "predict"):
+            self._proposed(record, model, film.world.extent, palette)
+        if seen.stage("associate", "predict"):
+            self._associations(record, picture.settings.arrows, palette)
+        self._after(seen, film.world.extent, palette)
+        if seen.whole and picture.settings.truth:
             self._truth(film.truth(picture.t), palette)
 
     def _at(self, values: FloatArray, floor: str) -> FloatArray:
@@ -67,21 +72,16 @@ class Toy2d:
         self._board.polyline(f"toy/floor/{floor}", placed, palette.faint, 1.2, -4.0, closed=True)
         self._board.text(f"toy/label/{floor}", text, placed[3, 0], placed[3, 1] - 9, colour)
 
-    def _before(self, particles: ParticleSet, extent: float, palette: Palette) -> None:
+    def _before(self, particles: ParticleSet, strengths: FloatArray, extent: float, palette: Palette) -> None:
         self._floor("before", "states qₜ, with their histories qₜ₋₁", palette.history, extent, palette)
-        self._set(
-            "toy/before",
-            particles,
-            particles.states[:, min(1, particles.order - 1)],
-            "before",
-            palette.history,
-        )
+        older = particles.states[:, min(1, particles.order - 1)]
+        self._tailed("toy/before", particles.innovation, older, strengths, "before", palette.history)
 
-    def _set(self, name: str, particles: ParticleSet, older: FloatArray, floor: str, colour: Rgb) -> None:
+    def _tailed(
+        self, name: str, newer: FloatArray, older: FloatArray, strengths: FloatArray, floor: str, colour: Rgb
+    ) -> None:
         """Particles on a floor, each with a tail from where it was a step ago."""
-        strengths = particles.weights / particles.weights.max()
-        newer = particles.innovation
-        some = sample_evenly(len(particles), _MOST_LINES)
+        some = sample_evenly(len(newer), _MOST_LINES)
         tails = np.stack([self._at(older[some], floor), self._at(newer[some], floor)], axis=1)
         self._board.weighted_segments(f"{name}/tails", tails, strengths[some], colour, 0.0)
         self._dots(name, newer, strengths, floor, colour)
@@ -122,14 +122,16 @@ class Toy2d:
         lines = np.concatenate([np.stack([crosses[i * n :][:n], crosses[(i + 2) * n :][:n]], axis=1) for i in (0, 1)])
         self._board.segments("toy/observation", lines, palette.likelihood, 3.0, 6.0)
 
-    def _after(self, record: StepRecord, extent: float, palette: Palette) -> None:
-        stage = record.stage("weight")
-        particles = stage.particles if stage else record.posterior
-        histories = stage.histories if stage and stage.histories is not None else record.histories
+    def _after(self, seen: Seen, extent: float, palette: Palette) -> None:
+        after = seen.after()
+        if after is None:
+            return
+        particles, histories, strengths = after
         self._floor("after", "new states qₜ₊₁, strength = weight", palette.posterior, extent, palette)
-        older = record.previous.innovation[np.maximum(histories, 0)]
-        self._set("toy/after", particles, older, "after", palette.posterior)
-        self._cross("toy/estimate", record.estimate, palette.posterior)
+        older = seen.record.previous.innovation[np.maximum(histories, 0)]
+        self._tailed("toy/after", particles.innovation, older, strengths, "after", palette.posterior)
+        if seen.whole:
+            self._cross("toy/estimate", seen.record.estimate, palette.posterior)
 
     def _truth(self, value: FloatArray, palette: Palette) -> None:
         self._cross("toy/truth", value, palette.truth)

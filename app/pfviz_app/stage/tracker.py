@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pfviz.particles import FloatArray, ParticleSet
+from pfviz.particles import FloatArray, IntArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import Image
@@ -17,6 +17,7 @@ from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import sample_evenly
 from pfviz_app.stage.palette import LIGHT, Palette
+from pfviz_app.stage.seen import Seen
 
 _CONTOURS = 14
 _MOST_POINTS = 1000
@@ -67,10 +68,15 @@ class TrackerStage:
         record = picture.tracker.trace[t]
         estimate = model.estimate(record)
         close = self._close_up(rect, whole.rect, estimate, image, palette)
+        seen = Seen(record, picture.stage)
         self._border(close, whole, palette)
-        self._proposed(record, whole)
-        self._particles(record.posterior, model, close)
-        self._arrows(picture, close)
+        self._proposed(seen, whole)
+        after = seen.after()
+        if after is not None:
+            self._likely(after[0], after[2], model, close)
+            self._centres(record, after, close, picture.settings.arrows)
+        if not seen.whole:
+            return
         for name, window in (("frame", whole), ("close", close)):
             self._outline(f"tracker/{name}/expected", window, model, estimate.state)
         truth = film.truth(t)
@@ -108,9 +114,9 @@ class TrackerStage:
         corners = np.clip(corners, [whole.rect.x, whole.rect.y], [whole.rect.right, whole.rect.bottom])
         self._board.polyline("tracker/frame/part", corners, palette.posterior, 2.0, 2.0, closed=True)
 
-    def _proposed(self, record: StepRecord, whole: Window) -> None:
+    def _proposed(self, seen: Seen, whole: Window) -> None:
         """Where in the frame hypotheses were proposed: by the detector, or by the dynamics."""
-        stage = record.stage("propose") or record.stage("predict")
+        stage = seen.stage("propose", "predict")
         if stage is None:
             return
         centres = stage.particles.innovation[:, :2]
@@ -119,10 +125,10 @@ class TrackerStage:
         self._board.points("tracker/frame/proposed/rim", centres, _DARK, 5.0, 1.0)
         self._board.points("tracker/frame/proposed", centres, _ON_IMAGE.proposal, 3.4, 1.5)
 
-    def _particles(self, particles: ParticleSet, model: TrackerModel, close: Window) -> None:
-        """The contours of likely particles, dark on a bright rim, and the centres of all, by weight."""
-        order = np.argsort(-particles.weights)[:_CONTOURS]
-        likely = order[particles.weights[order] > 0.05 * particles.weights[order[0]]]
+    def _likely(self, particles: ParticleSet, strengths: FloatArray, model: TrackerModel, close: Window) -> None:
+        """The contours of likely particles, dark on a bright rim."""
+        order = np.argsort(-strengths, kind="stable")[:_CONTOURS]
+        likely = order[strengths[order] > 0.05]
         outlines = close(model.contour.outlines(particles.innovation[likely], per_segment=2))
         outlines = outlines[self._inside(outlines, close)]
         if len(outlines):
@@ -135,14 +141,12 @@ class TrackerStage:
         low, high = outlines.min(axis=1), outlines.max(axis=1)
         return (low[:, 0] >= r.x) & (low[:, 1] >= r.y) & (high[:, 0] <= r.right) & (high[:, 1] <= r.bottom)
 
-    def _arrows(self, picture: Picture, close: Window) -> None:
-        """From where each particle's history was to where it is now."""
-        record = picture.tracker.trace[picture.t]
-        stage = record.stage("weight")
-        particles = stage.particles if stage else record.posterior
-        histories = stage.histories if stage and stage.histories is not None else record.histories
+    def _centres(
+        self, record: StepRecord, after: tuple[ParticleSet, IntArray, FloatArray], close: Window, arrows: int
+    ) -> None:
+        """Where the particles are, with arrows from where their histories were."""
+        particles, histories, weights = after
         centres = particles.innovation[:, :2]
-        weights = particles.weights / particles.weights.max()
         shown = np.flatnonzero(close.holds(centres))
         shown = shown[sample_evenly(len(shown), _MOST_POINTS)]
         if not len(shown):
@@ -155,7 +159,7 @@ class TrackerStage:
         drawn = shown[histories[shown] >= 0]
         before = record.previous.innovation[histories[drawn], :2]
         drawn, before = drawn[close.holds(before)], before[close.holds(before)]
-        order = np.argsort(-weights[drawn])[: min(picture.settings.arrows, 120)]
+        order = np.argsort(-weights[drawn])[: min(arrows, 120)]
         if not len(order):
             return
         lines = np.stack([close(before[order]), close(centres[drawn[order]])], axis=1)
