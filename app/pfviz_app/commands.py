@@ -44,6 +44,14 @@ class Seek:
 
 
 @dataclass(frozen=True, slots=True)
+class Click:
+    """Choose what lies at this pixel of the canvas; nothing there, nothing chosen."""
+
+    x: float
+    y: float
+
+
+@dataclass(frozen=True, slots=True)
 class Reset:
     """Begin again at time 0."""
 
@@ -61,7 +69,7 @@ class Close:
     """The visitor has left."""
 
 
-Command = Set | Play | Step | Walk | Seek | Reset | Resize | Close
+Command = Set | Play | Step | Walk | Seek | Click | Reset | Resize | Close
 
 
 def merged(commands: Iterable[Command]) -> list[Command]:

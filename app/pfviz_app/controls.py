@@ -14,6 +14,7 @@ from pfviz_app.algorithms import algorithm
 from pfviz_app.commands import Command, Play, Reset, Seek, Set, Step, Walk
 from pfviz_app.explanations import explanation, legend
 from pfviz_app.plots import Plots
+from pfviz_app.receipt import Receipt, receipt, receipt_html
 from pfviz_app.session import Picture
 from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings
 from pfviz_app.stage.layout import PHONE
@@ -86,6 +87,9 @@ class Controls:
             self._explained = (s.filter, s.world, s.dark)
             self._text.content = explanation(s.filter, s.world)
             self._legend.content = legend(s.dark)
+        slip = receipt_html(_receipt(picture), s.dark)
+        if self._receipt.content != slip:
+            self._receipt.content = slip
         lines = algorithm(s.filter, picture.stage, s.dark)
         if self._algorithm.content != lines:
             self._algorithm.content = lines
@@ -103,6 +107,8 @@ class Controls:
         with text.add_tab("What to look for"):
             self._text = gui.add_markdown("")
             self._algorithm = gui.add_html("")
+        with text.add_tab("Receipt"):
+            self._receipt = gui.add_html("")
         with text.add_tab("Colours"):
             self._legend = gui.add_html("")
         plots = gui.add_panel(order=2)
@@ -191,6 +197,14 @@ class Controls:
         for label, key, command in keys:
             handle = self._client.gui.add_command(label, hotkey=key)
             handle.on_trigger(self._posting(lambda command=command: command))
+
+
+def _receipt(picture: Picture) -> Receipt | None:
+    """The receipt of the particle that was clicked."""
+    if picture.chosen is None or not picture.t:
+        return None
+    room = picture.toy if picture.chosen.room == "toy" else picture.tracker
+    return receipt(room.trace[picture.t], picture.chosen.index)
 
 
 assert {f.name for f in fields(Settings)} == set(CONTROLS), "every setting has a control"

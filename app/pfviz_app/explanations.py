@@ -48,6 +48,7 @@ def legend(dark: bool) -> str:
         (palette.posterior, "new particles and the estimate"),
         (palette.exact, "exact posterior"),
         (palette.truth, "truth"),
+        (palette.chosen, "what you clicked: see its receipt"),
         ((20, 20, 24), "on the video: outlines of likely particles"),
         ((240, 240, 240), "on the video: the expected outline"),
     )

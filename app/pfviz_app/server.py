@@ -17,10 +17,10 @@ import viser
 from pfviz import kernels
 from pfviz.vision.video import open_source
 from pfviz.worlds import get_world
-from pfviz_app.commands import Resize
+from pfviz_app.commands import Click, Resize
 from pfviz_app.controls import Controls
 from pfviz_app.films import VideoSetup
-from pfviz_app.session import Picture, Session
+from pfviz_app.session import Pick, Picture, Session
 from pfviz_app.settings import Settings
 from pfviz_app.stage.stage import Stage
 from pfviz_app.start_box import learn_from_start
@@ -41,6 +41,7 @@ class Visitor:
         self.session = Session(settings, video, self)
         self._controls = Controls(client, settings, self.session.post)
         client.camera.on_update(self._resized)
+        client.scene.on_click()(self._clicked)
         self.session.start()
 
     def draw(self, picture: Picture) -> None:
@@ -49,6 +50,14 @@ class Visitor:
 
     def resize(self, width: int, height: int) -> None:
         self._stage.resize(width, height)
+
+    def pick(self, x: float, y: float) -> Pick | None:
+        return self._stage.pick(x, y)
+
+    def _clicked(self, event: viser.SceneClickEvent) -> None:
+        camera = event.client.camera
+        x, y = event.screen_pos
+        self.session.post(Click(x * camera.image_width, y * camera.image_height))
 
     def _resized(self, camera: viser.CameraHandle) -> None:
         self.session.post(Resize(camera.image_width, camera.image_height))

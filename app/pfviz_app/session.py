@@ -11,12 +11,12 @@ import threading
 import time
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any, Literal, Protocol
 
 from pfviz import kernels
 from pfviz.vision.video import EndOfVideo
 from pfviz.worlds import get_world
-from pfviz_app.commands import Close, Command, Play, Reset, Resize, Seek, Set, Step, Walk, merged
+from pfviz_app.commands import Click, Close, Command, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 from pfviz_app.films import ToyFilm, VideoFilm, VideoSetup
 from pfviz_app.room import Room
 from pfviz_app.settings import Settings
@@ -25,6 +25,19 @@ log = logging.getLogger(__name__)
 
 _RUNNING = {"filter", "toy_particles", "tracker_particles", "system", "observation", "proposal"}
 """Settings that change how a step is run."""
+
+
+@dataclass(frozen=True, slots=True)
+class Pick:
+    """One particle of the step on screen.
+
+    Attributes:
+        room: "toy" or "tracker".
+        index: among the particles as they were weighed.
+    """
+
+    room: Literal["toy", "tracker"]
+    index: int
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +51,7 @@ class Picture:
         t: the time that is shown.
         stage: the last stage of its iteration that is shown; None when all are, and the posterior with them.
         last: the last time recorded.
+        chosen: the particle that the visitor has clicked.
         playing: whether the session runs on.
         message: what went wrong or has ended, in a sentence; empty when all is well.
     """
@@ -48,6 +62,7 @@ class Picture:
     t: int
     stage: int | None
     last: int
+    chosen: Pick | None
     playing: bool
     message: str
 
@@ -61,6 +76,10 @@ class View(Protocol):
 
     def resize(self, width: int, height: int) -> None:
         """Lay out for a canvas of this size, in pixels."""
+        ...
+
+    def pick(self, x: float, y: float) -> Pick | None:
+        """What was drawn at this pixel of the canvas."""
         ...
 
 
@@ -77,6 +96,7 @@ class Session:
         self._message = ""
         self._t = 0
         self._stage: int | None = None
+        self._chosen: Pick | None = None
         self._due = 0.0
         self._closed = False
         self._start_rooms()
@@ -149,6 +169,8 @@ class Session:
             case Seek(t):
                 self._playing = False
                 self._seek(t)
+            case Click(x, y):
+                self._chosen = self._view.pick(x, y)
             case Reset():
                 self._start_rooms()
             case Resize(width, height):
@@ -183,7 +205,7 @@ class Session:
 
     def _start_rooms(self) -> None:
         s = self._settings
-        self._message, self._t, self._stage = "", 0, None
+        self._message, self._t, self._stage, self._chosen = "", 0, None, None
         self._plain = not kernels.compiled_ready()
         film = ToyFilm(get_world(s.world), s.seed)
         noises = (s.system, s.observation, s.proposal)
@@ -227,7 +249,7 @@ class Session:
                 return False
             finally:
                 self._rewind(self._last)
-        self._t, self._stage = self._t + 1, None
+        self._t, self._stage, self._chosen = self._t + 1, None, None
         return True
 
     def _rewind(self, t: int) -> None:
@@ -251,7 +273,7 @@ class Session:
                 self._seek(self._t - 1)
 
     def _seek(self, t: int) -> None:
-        self._stage = None
+        self._stage = self._chosen = None
         self._t = min(max(t, self._earliest), self._last)
         self._message = ""
 
@@ -279,6 +301,7 @@ class Session:
                 self._t,
                 self._stage,
                 self._last,
+                self._chosen,
                 self._playing,
                 self._message,
             )

@@ -13,6 +13,8 @@ import numpy as np
 import viser
 from numpy.typing import ArrayLike, NDArray
 
+from pfviz.particles import IntArray
+from pfviz_app.session import Pick
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.lettering import lettered
 from pfviz_app.stage.palette import Colours, Rgb, blend
@@ -23,7 +25,9 @@ _UPRIGHT = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
 _THICKNESSES = (1.0, 1.5, 2.2, 3.2)
 _SIZES = (0.5, 0.75, 1.0, 1.4)
 _TEXT_DEPTH = 30.0
+_REACH = 16.0
 Anchor = Literal["left", "centre", "right"]
+Room = Literal["toy", "tracker"]
 
 
 class Board:
@@ -35,6 +39,7 @@ class Board:
         self._nodes: dict[str, Any] = {}
         self._props: dict[str, dict[str, Any]] = {}
         self._drawn: set[str] = set()
+        self._targets: list[tuple[Room, NDArray[np.float64], IntArray]] = []
         self.background: Rgb = (255, 255, 255)
         self._scene.add_frame(_ROOT, wxyz=_UPRIGHT, show_axes=False)
 
@@ -50,6 +55,7 @@ class Board:
 
     def begin(self, background: Rgb) -> None:
         self._drawn.clear()
+        self._targets.clear()
         self.background = background
 
     def finish(self) -> None:
@@ -57,6 +63,21 @@ class Board:
         for name, node in self._nodes.items():
             if node.visible != (name in self._drawn):
                 node.visible = name in self._drawn
+
+    def target(self, room: Room, points: ArrayLike, indices: IntArray) -> None:
+        """Let what is drawn at ``points (n, 2 or 3)`` be clicked: it stands for the particles at ``indices (n,)``."""
+        self._targets.append((room, np.asarray(points, dtype=float)[:, :2], indices))
+
+    def pick(self, x: float, y: float) -> Pick | None:
+        """The particle nearest to a pixel, within reach of a finger."""
+        best, found = _REACH, None
+        for room, points, indices in self._targets:
+            if len(points):
+                distances = np.hypot(points[:, 0] - x, points[:, 1] - y)
+                nearest = int(np.argmin(distances))
+                if distances[nearest] < best:
+                    best, found = float(distances[nearest]), Pick(room, int(indices[nearest]))
+        return found
 
     def segments(
         self, name: str, points: ArrayLike, colours: Colours | Rgb, thickness: float = 1.5, depth: float = 0.0

@@ -25,6 +25,7 @@ class Palette:
         posterior: the new particles and the estimate.
         exact: the exact posterior.
         truth: the truth.
+        chosen: what the visitor has clicked.
     """
 
     background: Rgb
@@ -36,6 +37,7 @@ class Palette:
     posterior: Rgb
     exact: Rgb
     truth: Rgb
+    chosen: Rgb
 
 
 LIGHT = Palette(
@@ -48,6 +50,7 @@ LIGHT = Palette(
     posterior=(0, 158, 115),
     exact=(0, 0, 0),
     truth=(213, 62, 0),
+    chosen=(190, 60, 140),
 )
 DARK = Palette(
     background=(20, 21, 23),
@@ -59,6 +62,7 @@ DARK = Palette(
     posterior=(30, 200, 150),
     exact=(255, 255, 255),
     truth=(255, 110, 50),
+    chosen=(236, 120, 196),
 )
 
 

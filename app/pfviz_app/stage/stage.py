@@ -9,7 +9,7 @@ import viser
 
 from pfviz.filters import FILTERS
 from pfviz_app.room import Room
-from pfviz_app.session import Picture
+from pfviz_app.session import Pick, Picture
 from pfviz_app.stage.board import Board
 from pfviz_app.stage.layout import PHONE, Rect, arrange
 from pfviz_app.stage.lettering import fitted
@@ -37,6 +37,10 @@ class Stage:
         if (width, height) != self._size and width > 0 and height > 0:
             self._size = (width, height)
             self.board.fit_camera(width, height)
+
+    def pick(self, x: float, y: float) -> Pick | None:
+        """The particle drawn at a pixel of the canvas."""
+        return self.board.pick(x, y)
 
     def draw(self, picture: Picture) -> None:
         """Show the picture, as one update."""

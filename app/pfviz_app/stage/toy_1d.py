@@ -58,6 +58,8 @@ class Toy1d:
         if seen.stage("weight"):
             self._likelihood(record, model, palette)
         self._after(seen, palette)
+        if picture.chosen and picture.chosen.room == "toy":
+            self._chosen(seen, picture.chosen.index, palette)
         if seen.whole:
             exact = film.exact(picture.t) if picture.settings.exact else None
             self._posterior(record.posterior, exact, palette)
@@ -134,6 +136,7 @@ class Toy1d:
 
     def _proposed(self, record: StepRecord, model: ToyModel, palette: Palette) -> None:
         values = _proposed_values(record)
+        self._board.target("toy", self._at(values, "proposed"), np.arange(len(values)))
         self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
         if record.stage("propose") is None:
             self._line("proposed", "x ~ p(x|qₜ)", palette.proposal, palette)
@@ -164,8 +167,31 @@ class Toy1d:
         some = sample_evenly(len(particles), _MOST_LINES)
         lines = self._between(older[some], "history", newer[some], "state")
         self._board.weighted_segments("toy/new", lines, strengths[some], palette.posterior, 0.0)
+        for values, row in ((older, "history"), (newer, "state")):
+            self._board.target("toy", self._at(values, row), np.arange(len(values)))
         self._dots("toy/history", older, strengths, "history", palette.posterior)
         self._dots("toy/state", newer, strengths, "state", palette.posterior)
+
+    def _chosen(self, seen: Seen, index: int, palette: Palette) -> None:
+        """The particle that was clicked, through all rows, with the histories it could have had."""
+        record, after = seen.record, seen.after()
+        proposed, before = _proposed_values(record), record.previous.states[:, 0, 0]
+        if index >= len(proposed):
+            return
+        rings = [self._at(proposed[[index]], "proposed")]
+        association = record.association
+        if association is not None:
+            found, probabilities = association.strongest(index, 12)
+            lines = self._between(before[found], "newer", np.repeat(proposed[index], len(found)), "proposed")
+            self._board.weighted_segments("toy/chosen/row", lines, relative(probabilities), palette.chosen, 2.0)
+        if after is not None:
+            particles, histories, _ = after
+            older = before[np.maximum(histories[[index]], 0)]
+            newer = particles.states[[index], 0, 0]
+            rings += [self._at(older, "newer"), self._at(older, "history"), self._at(newer, "state")]
+            line = self._between(older, "history", newer, "state")
+            self._board.segments("toy/chosen/line", line, palette.chosen, 3.0, 5.0)
+        self._board.points("toy/chosen", np.concatenate(rings), palette.chosen, 17.0, 3.0)
 
     def _posterior(self, particles: ParticleSet, exact: KalmanStep | None, palette: Palette) -> None:
         self._line("posterior", "posterior", palette.posterior, palette)

@@ -56,6 +56,8 @@ class Toy2d:
         if seen.stage("associate", "predict"):
             self._associations(record, picture.settings.arrows, palette)
         self._after(seen, film.world.extent, palette)
+        if picture.chosen and picture.chosen.room == "toy":
+            self._chosen(seen, picture.chosen.index, palette)
         if seen.whole and picture.settings.truth:
             self._truth(film.truth(picture.t), palette)
 
@@ -107,6 +109,7 @@ class Toy2d:
 
     def _proposed(self, record: StepRecord, model: ToyModel, extent: float, palette: Palette) -> None:
         values = _proposed(record)
+        self._board.target("toy", self._at(values, "proposed"), np.arange(len(values)))
         self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
         if record.stage("propose") is None:
             self._floor("proposed", "x ~ p(x|qₜ)", palette.proposal, extent, palette)
@@ -130,8 +133,28 @@ class Toy2d:
         self._floor("after", "new states qₜ₊₁, strength = weight", palette.posterior, extent, palette)
         older = seen.record.previous.innovation[np.maximum(histories, 0)]
         self._tailed("toy/after", particles.innovation, older, strengths, "after", palette.posterior)
+        self._board.target("toy", self._at(particles.innovation, "after"), np.arange(len(particles)))
         if seen.whole:
             self._cross("toy/estimate", seen.record.estimate, palette.posterior)
+
+    def _chosen(self, seen: Seen, index: int, palette: Palette) -> None:
+        """The particle that was clicked, on all floors, with the histories it could have had."""
+        record, after = seen.record, seen.after()
+        proposed = self._at(_proposed(record), "proposed")
+        before = self._at(record.previous.innovation, "before")
+        if index >= len(proposed):
+            return
+        rings = [proposed[[index]]]
+        association = record.association
+        if association is not None:
+            found, probabilities = association.strongest(index, 12)
+            lines = np.stack([before[found], np.repeat(proposed[[index]], len(found), axis=0)], axis=1)
+            self._board.weighted_segments("toy/chosen/row", lines, relative(probabilities), palette.chosen, 2.0)
+        if after is not None:
+            particles, histories, _ = after
+            rings.append(before[np.maximum(histories[[index]], 0)])
+            rings.append(self._at(particles.innovation[[index]], "after"))
+        self._board.points("toy/chosen", np.concatenate(rings), palette.chosen, 15.0, 3.0)
 
     def _truth(self, value: FloatArray, palette: Palette) -> None:
         self._cross("toy/truth", value, palette.truth)

@@ -75,6 +75,8 @@ class TrackerStage:
         if after is not None:
             self._likely(after[0], after[2], model, close)
             self._centres(record, after, close, picture.settings.arrows)
+            if picture.chosen and picture.chosen.room == "tracker":
+                self._chosen(after[0], picture.chosen.index, model, close)
         if not seen.whole:
             return
         for name, window in (("frame", whole), ("close", close)):
@@ -151,6 +153,7 @@ class TrackerStage:
         shown = shown[sample_evenly(len(shown), _MOST_POINTS)]
         if not len(shown):
             return
+        self._board.target("tracker", close(centres[shown]), shown)
         size = float(np.clip(9.0 - 1.5 * np.log10(len(particles) / 100.0), 4.5, 9.0))
         green, blue = _ON_IMAGE.posterior, _ON_IMAGE.history
         self._board.weighted_points(
@@ -166,6 +169,15 @@ class TrackerStage:
         self._board.weighted_segments("tracker/close/arrows", lines, weights[drawn[order]], blue, 3.0, _WEAK)
         if len(lines) <= 40:
             self._board.segments("tracker/close/heads", arrow_heads(lines, 6.0), blue, 1.2, 4.0)
+
+    def _chosen(self, particles: ParticleSet, index: int, model: TrackerModel, close: Window) -> None:
+        """The outline of the particle that was clicked, and its centre."""
+        if index < len(particles):
+            state = particles.innovation[index]
+            self._board.polyline(
+                "tracker/chosen", close(model.contour.outlines(state)), _ON_IMAGE.chosen, 2.6, 10.0, True
+            )
+            self._board.points("tracker/chosen/centre", close(state[None, :2]), _ON_IMAGE.chosen, 12.0, 5.0)
 
     def _outline(self, name: str, window: Window, model: TrackerModel, state: FloatArray) -> None:
         """The expected contour: white with a dark rim."""
