@@ -15,13 +15,13 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-
-from pfviz.vision.tracker import TrackerModel, learn_tracker
-from pfviz.vision.video import EndOfVideo, Image, Truth, VideoError, silence_opencv
 from pfviz_app.cli import main
 from pfviz_app.films import VideoSetup
 from pfviz_app.session import Picture, Session
 from pfviz_app.settings import Settings
+
+from pfviz.vision.tracker import TrackerModel, learn_tracker
+from pfviz.vision.video import EndOfVideo, Image, Truth, VideoError, silence_opencv
 
 ROOT = Path(__file__).resolve().parents[1]
 SIZE = (96, 72)

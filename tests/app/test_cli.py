@@ -12,12 +12,12 @@ import sys
 import cv2
 import numpy as np
 import pytest
+from pfviz_app import cli
 from stand_ins import DISC_BOX, SIZE, centre, environment, listing, run_here, run_there
 
 from pfviz.filters import FILTERS
 from pfviz.vision.scenes import make_scene
 from pfviz.worlds import WORLDS
-from pfviz_app import cli
 
 BOX = ",".join(f"{value:g}" for value in DISC_BOX)
 COLUMNS = ["frame", "x", "y", "rotation", "scale", "box_x", "box_y", "box_w", "box_h", "ess", "milliseconds"]
@@ -43,7 +43,7 @@ def timeless(rows):
 def caught(monkeypatch):
     """The options of the commands that would have been run."""
     options = []
-    monkeypatch.setattr(cli, "_COMMANDS", {name: options.append for name in cli._COMMANDS})
+    monkeypatch.setattr(cli, "_COMMANDS", dict.fromkeys(cli._COMMANDS, options.append))
     return options
 
 

@@ -7,9 +7,8 @@ import cv2
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from stand_ins import DISC_BOX, SIZE, Outcome, listing, message_of, run_here, run_there, write_disc_video
-
 from pfviz_app import cli
+from stand_ins import DISC_BOX, SIZE, Outcome, listing, message_of, run_here, run_there, write_disc_video
 
 BOX = ",".join(f"{value:g}" for value in DISC_BOX)
 
@@ -76,8 +75,10 @@ def test_a_box_outside_the_frame(capfd, workplace, disc_file, command, box):
 
 @pytest.mark.parametrize(
     "box",
-    ["10,10,0,20", "10,10,20,0", "10,10,-5,20", "10,10,20,-5", "a,b,c,d", "10,10,20", "10,10,20,20,20", "", ",,,"]
-    + ["nan,10,20,20", "10,10,inf,20", "10 10 20 20", "--csv"],
+    [
+        *("10,10,0,20", "10,10,20,0", "10,10,-5,20", "10,10,20,-5", "10,10,inf,20", "nan,10,20,20"),
+        *("a,b,c,d", "10,10,20", "10,10,20,20,20", "", ",,,", "10 10 20 20", "--csv"),
+    ],
 )
 def test_a_box_that_is_none(capfd, disc_file, box):
     message = message_of(run_here(capfd, "track", disc_file, "--box", box))
@@ -87,7 +88,7 @@ def test_a_box_that_is_none(capfd, disc_file, box):
 @given(st.text(st.characters(exclude_categories=["Cs"]), max_size=20))
 def test_no_text_is_a_box_by_accident(words):
     try:
-        x, y, w, h = cli.box(words)
+        _, _, w, h = cli.box(words)
     except cli.argparse.ArgumentTypeError as error:
         assert repr(words) in str(error)
     else:

@@ -2,13 +2,13 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-
-from pfviz_app.commands import Close, Play, Reset, Resize, Seek, Set, Step, merged
+from pfviz_app.commands import Close, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 
 COMMANDS = st.one_of(
     st.builds(Set, st.sampled_from(["system", "seed"]), st.integers(0, 3)),
     st.builds(Play, st.sampled_from([None, True, False])),
     st.builds(Step, st.integers(-1, 1)),
+    st.builds(Walk, st.integers(-1, 1)),
     st.builds(Seek, st.integers(0, 3)),
     st.builds(Resize, st.integers(1, 3), st.integers(1, 3)),
     st.just(Reset()),
@@ -30,7 +30,7 @@ def test_of_a_run_of_seeks_or_sizes_the_last_stays():
 
 
 def test_what_counts_every_time_is_kept():
-    commands = [Step(1), Step(1), Play(), Play(), Reset(), Reset(), Step(-1), Close()]
+    commands = [Step(1), Step(1), Walk(1), Walk(1), Play(), Play(), Reset(), Reset(), Step(-1), Close()]
     assert merged(commands) == commands
 
 

@@ -3,7 +3,6 @@
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
 from pfviz_app.stage.layout import Rect, arrange
 
 SIZES = st.floats(200, 4000)

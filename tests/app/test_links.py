@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from scipy.stats import multivariate_normal
 
 from pfviz.filters import FILTERS, make_filter
 from pfviz.running import run
 from pfviz.worlds import WORLDS
-from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 
 SAMPLING = ["rb-hs-sir", "rb-ss-hs-sir"]
 

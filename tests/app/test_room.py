@@ -1,16 +1,19 @@
 """A room records what its filter did, and can do it again."""
 
+import itertools
+
 import numpy as np
 import pytest
-from stand_ins import DiscVideo, centre, disc_setup
-
-from pfviz import kernels
-from pfviz.filters import FILTERS
-from pfviz.vision.video import EndOfVideo
-from pfviz.worlds import WORLDS, get_world
 from pfviz_app import room as room_module
 from pfviz_app.films import ToyFilm, VideoFilm
 from pfviz_app.room import Room
+from stand_ins import DiscVideo, centre, disc_setup
+
+from pfviz import kernels
+from pfviz.filters import FILTERS, make_filter
+from pfviz.running import run
+from pfviz.vision.video import EndOfVideo
+from pfviz.worlds import WORLDS, get_world
 
 
 @pytest.fixture(autouse=True)
@@ -58,6 +61,15 @@ def test_a_step_that_is_done_again_is_equal_byte_for_byte(make, filter_name):
     assert not np.array_equal(first[3].posterior.states, first[4].posterior.states)
 
 
+@pytest.mark.parametrize("filter_name", FILTERS)
+def test_a_room_runs_as_the_library_does(filter_name):
+    room = toy_room(filter_name, seed=5)
+    film, model = room.film, room.film.model(1.0, 1.0, 1.0)
+    expected = run(make_filter(filter_name, 20), model, film.recording.observations[:4], seed=5)
+    for record, other in zip(steps(room, 4), expected, strict=True):
+        assert fingerprint(record) == fingerprint(other)
+
+
 @pytest.mark.parametrize("make", MAKERS.values(), ids=MAKERS)
 def test_another_seed_is_another_run(make):
     assert fingerprint(make(seed=1).step()) != fingerprint(make(seed=2).step())
@@ -68,7 +80,7 @@ def test_each_step_begins_where_the_one_before_ended(make):
     room = make()
     records = steps(room, 4)
     assert records[0].previous is room.trace.initial
-    for before, after in zip(records, records[1:], strict=False):
+    for before, after in itertools.pairwise(records):
         assert after.previous is before.posterior
 
 

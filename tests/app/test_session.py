@@ -7,13 +7,13 @@ import weakref
 
 import numpy as np
 import pytest
+from pfviz_app import room as room_module
+from pfviz_app.commands import Play, Reset, Resize, Seek, Set, Step, Walk
+from pfviz_app.settings import CONTROLS, Settings
 from stand_ins import DiscVideo, Visit, disc_setup
 
 from pfviz.filters import FILTERS
 from pfviz.worlds import WORLDS
-from pfviz_app import room as room_module
-from pfviz_app.commands import Play, Reset, Resize, Seek, Set, Step
-from pfviz_app.settings import CONTROLS, Settings
 
 FEW = Settings(toy_particles=12, tracker_particles=15, speed=30.0)
 
@@ -118,6 +118,50 @@ def test_play_shows_what_is_recorded_before_it_runs_on(visit):
     assert same(numbers(visit.do(Seek(6))), tenth)
 
 
+def stages_of(visit, filter_name):
+    """How many stages the filter's first iteration has."""
+    picture = visit.do(Set("filter", filter_name), Step())
+    count = len(picture.toy.trace[1].stages)
+    visit.do(Reset())
+    return count
+
+
+@pytest.mark.parametrize("filter_name", FILTERS)
+def test_one_can_walk_through_the_stages_of_iterations_there_and_back(visit, filter_name):
+    count = stages_of(visit, filter_name)
+    places = [(0, None)] + [(t, stage) for t in (1, 2) for stage in (*range(count), None)]
+    there = [visit.settled(), *(visit.do(Walk()) for _ in places[1:])]
+    assert [(picture.t, picture.stage) for picture in there] == places
+    back = [visit.do(Walk(-1)) for _ in places[1:]]
+    assert [(picture.t, picture.stage) for picture in back] == places[-2::-1]
+    assert (visit.do(Walk(-1)).t, visit.do(Walk(3)).last) == (0, 2)
+
+
+def test_walking_computes_the_same_as_stepping(visit):
+    third = numbers(visit.do(Step(3)))
+    visit.do(Reset())
+    picture = visit.do(*[Walk()] * 3)
+    while (picture.t, picture.stage) != (3, None):
+        picture = visit.do(Walk())
+    assert same(numbers(picture), third)
+
+
+def test_walking_ends_where_the_film_ends():
+    with Visit(FEW, disc_setup(lambda: DiscVideo(frame_count=2))) as visit:
+        picture = visit.do(Walk(50))
+        assert (picture.t, picture.stage) == (2, None)
+        assert "ends" in picture.message
+
+
+@pytest.mark.parametrize("command", [Step(), Step(-1), Seek(1), Play(True), Set("filter", "basic-sir"), Reset()])
+def test_whatever_else_is_asked_for_shows_whole_iterations_again(visit, command):
+    visit.do(Step(2), Walk(2), Play(False))
+    assert visit.do(Walk(1)).stage is not None
+    visit.do(command)
+    picture = visit.screen.wait_for(lambda picture: picture.stage is None)
+    assert picture.t <= picture.last
+
+
 def test_reset_begins_again_with_the_same_numbers(visit):
     third = numbers(visit.do(Step(3)))
     picture = visit.do(Step(2), Reset())
@@ -181,13 +225,13 @@ def test_what_came_after_the_step_that_is_done_again_is_forgotten(visit):
 
 
 def test_while_it_plays_what_is_set_holds_from_the_next_step_on(visit):
-    visit.do(Set("speed", 0.5), Step(4), Seek(1), Play())
+    visit.do(Step(6), Seek(1), Play())
     visit.do(Set("filter", "condensation"))
-    picture = visit.do(Play(False))
-    t = picture.t
-    picture = visit.do(Step())
-    assert picture.toy.outcome(t + 1).filter_name == "condensation"
-    assert picture.toy.outcome(1).filter_name == FEW.filter
+    visit.do(Play(False), Step(6))
+    shown = [picture for picture in visit.screen.drawn if picture.settings.filter == FEW.filter][-1].t
+    picture = visit.settled()
+    names = [picture.toy.outcome(t).filter_name for t in range(1, shown + 4)]
+    assert names == [FEW.filter] * shown + ["condensation"] * 3
 
 
 def test_a_setting_changed_at_the_prior_makes_what_was_recorded_void(visit):
@@ -373,6 +417,7 @@ def any_command(rng):
             Set("filter", rng.choice(list(FILTERS))),
             Play(rng.choice([None, True, False])),
             Step(rng.choice([-3, -1, 1, 1, 2])),
+            Walk(rng.choice([-5, -1, 1, 1, 3])),
             Seek(rng.randint(-2, 40)),
             Reset(),
             Resize(rng.randint(1, 3000), rng.randint(1, 3000)),

@@ -6,10 +6,10 @@ from dataclasses import fields
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pfviz_app.settings import CONTROLS, Settings
 
 from pfviz.filters import FILTERS
 from pfviz.worlds import WORLDS
-from pfviz_app.settings import CONTROLS, Settings
 
 SLIDERS = [control for control in CONTROLS.values() if control.kind == "slider"]
 CHOICES = [control for control in CONTROLS.values() if control.kind == "choice"]
