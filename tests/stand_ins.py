@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 from pfviz_app.cli import main
 from pfviz_app.films import VideoSetup
-from pfviz_app.session import Picture, Session
+from pfviz_app.session import Pick, Picture, Session
 from pfviz_app.settings import Settings
 
 from pfviz.vision.tracker import TrackerModel, learn_tracker
@@ -100,7 +100,10 @@ def write_disc_video(path: Path, frames: int = 12) -> Path:
 
 
 class Screen:
-    """A view that remembers what it was told to draw. While ``open`` is not set, drawing waits."""
+    """A view that remembers what it was told to draw. While ``open`` is not set, drawing waits.
+
+    Particle x of the toy lies at pixel (x, y) for every y; left of it there is nothing.
+    """
 
     def __init__(self) -> None:
         self.drawn: list[Picture] = []
@@ -122,6 +125,9 @@ class Screen:
 
     def resize(self, width: int, height: int) -> None:
         self.sizes.append((width, height))
+
+    def pick(self, x: float, y: float) -> Pick | None:
+        return Pick("toy", int(x)) if x >= 0 else None
 
     def wait_for(self, condition: Callable[[Picture], bool], timeout: float = 60.0) -> Picture:
         """The first picture drawn from now on, or the last one, for which ``condition`` holds."""

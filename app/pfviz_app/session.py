@@ -229,7 +229,7 @@ class Session:
         elif self._playing or self._t == self._earliest:
             self._rewind(self._t)
         else:
-            self._t -= 1
+            self._seek(self._t - 1)
             self._rewind(self._t)
             self._advance()
 

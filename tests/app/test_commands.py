@@ -2,7 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from pfviz_app.commands import Close, Play, Reset, Resize, Seek, Set, Step, Walk, merged
+from pfviz_app.commands import Click, Close, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 
 COMMANDS = st.one_of(
     st.builds(Set, st.sampled_from(["system", "seed"]), st.integers(0, 3)),
@@ -30,7 +30,20 @@ def test_of_a_run_of_seeks_or_sizes_the_last_stays():
 
 
 def test_what_counts_every_time_is_kept():
-    commands = [Step(1), Step(1), Walk(1), Walk(1), Play(), Play(), Reset(), Reset(), Step(-1), Close()]
+    commands = [
+        Step(1),
+        Step(1),
+        Walk(1),
+        Walk(1),
+        Play(),
+        Play(),
+        Reset(),
+        Reset(),
+        Step(-1),
+        Click(1, 1),
+        Click(1, 2),
+        Close(),
+    ]
     assert merged(commands) == commands
 
 

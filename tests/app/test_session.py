@@ -8,7 +8,8 @@ import weakref
 import numpy as np
 import pytest
 from pfviz_app import room as room_module
-from pfviz_app.commands import Play, Reset, Resize, Seek, Set, Step, Walk
+from pfviz_app.commands import Click, Play, Reset, Resize, Seek, Set, Step, Walk
+from pfviz_app.session import Pick
 from pfviz_app.settings import CONTROLS, Settings
 from stand_ins import DiscVideo, Visit, disc_setup
 
@@ -160,6 +161,32 @@ def test_whatever_else_is_asked_for_shows_whole_iterations_again(visit, command)
     visit.do(command)
     picture = visit.screen.wait_for(lambda picture: picture.stage is None)
     assert picture.t <= picture.last
+
+
+def test_a_particle_that_is_clicked_stays_chosen_while_its_iteration_is_shown(visit):
+    visit.do(Step(2))
+    assert visit.do(Click(3, 7)).chosen == Pick("toy", 3)
+    assert visit.do(Walk(-1)).chosen == Pick("toy", 3)
+    assert visit.do(Set("arrows", 3), Resize(100, 100)).chosen == Pick("toy", 5)
+    assert visit.do(Click(-1, 0)).chosen is None
+
+
+@pytest.mark.parametrize(
+    "command", [Step(), Step(-1), Seek(1), Set("filter", "basic-sir"), Set("system", 2.0), Set("seed", 1), Reset()]
+)
+def test_a_chosen_particle_is_not_one_of_another_iteration(visit, command):
+    visit.do(Step(2), Click(3, 7))
+    assert visit.do(command).chosen is None
+
+
+def test_a_chosen_particle_is_dropped_when_its_iteration_cannot_be_done_again():
+    video = DiscVideo()
+    with Visit(FEW, disc_setup(lambda: video)) as visit:
+        visit.do(Step(3), Click(3, 7))
+        video.broken = 2
+        picture = visit.do(Set("system", 2.0))
+        assert (picture.t, picture.chosen) == (2, None)
+        assert "on fire" in picture.message
 
 
 def test_reset_begins_again_with_the_same_numbers(visit):
@@ -420,6 +447,7 @@ def any_command(rng):
             Walk(rng.choice([-5, -1, 1, 1, 3])),
             Seek(rng.randint(-2, 40)),
             Reset(),
+            Click(rng.randint(-2, 12), 0),
             Resize(rng.randint(1, 3000), rng.randint(1, 3000)),
         ]
     )
