@@ -194,8 +194,16 @@ def _one_hot(case):
 
 
 def _far_from_the_heaviest(case):
-    case[2][:] = -90.0 * np.arange(len(case[2])) / len(case[2])
-    case[1][0] += 1e4
+    n = len(case[2])
+    case[2][:] = -300.0 * np.arange(n) / n
+    case[1][: n // 2] += 1e4
+    return case
+
+
+def _at_every_distance(case):
+    """From amid the histories to where single, and then double precision underflow."""
+    directions = case[0] / np.sqrt(np.einsum("mi,ij,mj->m", case[0], np.linalg.inv(case[3]), case[0]))[:, None]
+    case[0] = directions * np.linspace(0.0, 60.0, len(directions))[:, None]
     return case
 
 
@@ -248,6 +256,7 @@ ADVERSARIES = {
     "a block and one": cloud(2, 129, 40),
     "50 sigma away": _far(cloud(2, 200, 100)),
     "some 120 sigma away": _some_far(cloud(3, 200, 100)),
+    "every distance": _at_every_distance(cloud(2, 150, 3000, spread=0.5)),
     "half the weights zero": _zero_weights(cloud(2, 333, 100)),
     "one-hot": _one_hot(cloud(2, 200, 100)),
     "the heaviest far away": _far_from_the_heaviest(cloud(1, 200, 100)),
@@ -298,7 +307,9 @@ def test_a_single_term_keeps_the_digits_of_its_precision(precision, digits):
     assert (np.abs(log_density + exponent + 0.5 * np.log(2.0 * np.pi)) < digits * (2.0 + exponent)).all()
 
 
-@pytest.mark.parametrize("case", ["two dimensions", "the edge of single precision", "the same in four dimensions"])
+@pytest.mark.parametrize(
+    "case", ["two dimensions", "a shifted cloud", "the edge of single precision", "the same in four dimensions"]
+)
 def test_single_precision_is_used_where_it_is_asked_for_and_enough(case):
     single, double = (kernels.log_mixture_density(*ADVERSARIES[case], precision=p) for p in ("float32", "float64"))
     assert (single != double).mean() > 0.5
@@ -396,6 +407,9 @@ def test_beyond_the_range_of_numbers_the_weights_alone_draw(variant):
     log_mixture, ancestors = sample(variant, innovations, means, log_weights, np.eye(2), [0.1, 0.1, 0.6, 0.9])
     assert np.isneginf(log_mixture).tolist() == [True, False, True, True]
     assert ancestors.tolist() == [1, 1, 2, 3]
+    means = np.array([[1e250], [-1e250], [1e250], [-1e250]]) * np.ones(2)
+    everywhere = sample(variant, innovations, means, log_weights, np.eye(2) * 1e-200, [0.1, 0.1, 0.6, 0.9])
+    assert np.isneginf(everywhere[0]).all() and everywhere[1].tolist() == [1, 1, 2, 3]
 
 
 @every_precision
@@ -893,7 +907,7 @@ def test_systematic_twins_agree():
     ("arguments", "message"),
     [
         (([0.0, 0.0], 0.5), "not all zero"),
-        (([0.5, -0.5], 0.5), "not negative"),
+        (([0.9, -0.1, 0.5], 0.5), "not negative"),
         (([0.5, np.nan], 0.5), "finite"),
         (([0.5, np.inf], 0.5), "finite"),
         (([1e-320, 0.0], 0.5), "not all zero or almost"),

@@ -224,9 +224,7 @@ def _invert(shares: FloatArray, uniforms: FloatArray) -> IntArray:
     """For each row of ``shares (M, L)`` the first l whose running sum exceeds the uniform's part of the
     total."""
     running = np.cumsum(shares, axis=1)
-    drawn = (running <= uniforms[:, None] * running[:, -1:]).sum(axis=1)
-    last = shares.shape[1] - 1 - np.argmax(shares[:, ::-1] > 0.0, axis=1)
-    return np.minimum(drawn, last)
+    return (running <= uniforms[:, None] * running[:, -1:]).sum(axis=1)
 
 
 def _sample_numpy(problem: _Problem, uniforms: FloatArray) -> tuple[FloatArray, IntArray]:
