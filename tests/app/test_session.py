@@ -167,7 +167,7 @@ def test_a_particle_that_is_clicked_stays_chosen_while_its_iteration_is_shown(vi
     visit.do(Step(2))
     assert visit.do(Click(3, 7)).chosen == Pick("toy", 3)
     assert visit.do(Walk(-1)).chosen == Pick("toy", 3)
-    assert visit.do(Set("arrows", 3), Resize(100, 100)).chosen == Pick("toy", 5)
+    assert visit.do(Set("arrows", 3), Resize(100, 100)).chosen == Pick("toy", 3)
     assert visit.do(Click(-1, 0)).chosen is None
 
 
