@@ -53,7 +53,7 @@ class Controls:
             self._theme(s.dark)
         for field, widget in self._widgets.items():
             value = self._shown(field, getattr(s, field))
-            if widget.value != value and not self._outrun(field, value):
+            if not self._outrun(field, value) and widget.value != value:
                 widget.value = value
         label = "❚❚ Pause" if picture.playing else "▶ Play"
         if self._play.label != label:
@@ -70,7 +70,7 @@ class Controls:
         most = max(picture.last, 1)
         if self._time.max != most:
             self._time.max = most
-        if self._time.value != picture.t and not self._outrun("time", picture.t):
+        if not self._outrun("time", picture.t) and self._time.value != picture.t:
             self._time.value = picture.t
 
     def _outrun(self, name: str, value: Any) -> bool:
