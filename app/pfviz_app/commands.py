@@ -52,6 +52,13 @@ class Click:
 
 
 @dataclass(frozen=True, slots=True)
+class Open:
+    """Go to what a share code stands for."""
+
+    code: str
+
+
+@dataclass(frozen=True, slots=True)
 class Reset:
     """Begin again at time 0."""
 
@@ -69,7 +76,7 @@ class Close:
     """The visitor has left."""
 
 
-Command = Set | Play | Step | Walk | Seek | Click | Reset | Resize | Close
+Command = Set | Play | Step | Walk | Seek | Click | Open | Reset | Resize | Close
 
 
 def merged(commands: Iterable[Command]) -> list[Command]:

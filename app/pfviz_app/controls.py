@@ -11,12 +11,12 @@ from typing import Any
 import viser
 
 from pfviz_app.algorithms import algorithm
-from pfviz_app.commands import Command, Play, Reset, Seek, Set, Step, Walk
+from pfviz_app.commands import Command, Open, Play, Reset, Seek, Set, Step, Walk
 from pfviz_app.explanations import explanation, legend
 from pfviz_app.plots import Plots
 from pfviz_app.receipt import Receipt, receipt, receipt_html
 from pfviz_app.session import Picture
-from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings
+from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings, command_line, encode
 from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
@@ -41,6 +41,7 @@ class Controls:
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: tuple[str, str, bool] | None = None
         self._dark: bool | None = None
+        self._shared: tuple[Settings, int] | None = None
         self._theme(settings.dark)
         self._controls(settings)
         self._text_and_plots()
@@ -59,6 +60,7 @@ class Controls:
         if self._play.label != label:
             self._play.label = label
         self._show_time(picture)
+        self._show_code(picture)
         status = picture.message or ("Playing" if picture.playing else "Paused")
         status = f"**{status}**" if picture.message else status
         if self._status.content != status:
@@ -72,6 +74,15 @@ class Controls:
             self._time.max = most
         if not self._outrun("time", picture.t) and self._time.value != picture.t:
             self._time.value = picture.t
+
+    def _show_code(self, picture: Picture) -> None:
+        """The share code of what is on screen, unless the visitor is typing one or the film runs."""
+        state = (picture.settings, picture.t)
+        if picture.playing or state == self._shared:
+            return
+        self._shared = state
+        self._code.value = encode(*state)
+        self._line.value = command_line(*state)
 
     def _outrun(self, name: str, value: Any) -> bool:
         """Whether ``value`` is not yet what the visitor last set the widget to."""
@@ -143,6 +154,11 @@ class Controls:
             with folder:
                 for control in members:
                     self._add(control, settings)
+
+        with gui.add_folder("Share", expand_by_default=False):
+            self._code = gui.add_text("Code", "", hint="Brings back exactly this: settings, seed and time")
+            gui.add_button("Open this code").on_click(self._posting(lambda: Open(self._code.value)))
+            self._line = gui.add_text("Command", "", hint="The same run of the toy on the command line")
 
     def _add(self, control: Control, settings: Settings) -> None:
         gui, field = self._client.gui, control.field

@@ -37,6 +37,7 @@ def list_filters(as_json: bool) -> None:
             "source": info.source,
             "unbiased": info.unbiased,
             "cost": info.cost,
+            "assumptions": info.assumptions,
         }
         for info in FILTERS.values()
     )

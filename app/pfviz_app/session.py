@@ -16,10 +16,10 @@ from typing import Any, Literal, Protocol
 from pfviz import kernels
 from pfviz.vision.video import EndOfVideo
 from pfviz.worlds import get_world
-from pfviz_app.commands import Click, Close, Command, Play, Reset, Resize, Seek, Set, Step, Walk, merged
+from pfviz_app.commands import Click, Close, Command, Open, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 from pfviz_app.films import ToyFilm, VideoFilm, VideoSetup
 from pfviz_app.room import Room
-from pfviz_app.settings import Settings
+from pfviz_app.settings import Settings, decode
 
 log = logging.getLogger(__name__)
 
@@ -171,6 +171,8 @@ class Session:
                 self._seek(t)
             case Click(x, y):
                 self._chosen = self._view.pick(x, y)
+            case Open(code):
+                self._open(code)
             case Reset():
                 self._start_rooms()
             case Resize(width, height):
@@ -190,6 +192,13 @@ class Session:
         elif field in _RUNNING:
             self._configure_rooms()
             self._redo()
+
+    def _open(self, code: str) -> None:
+        """Bring back what was shared: its settings, and its film up to its time."""
+        self._settings, t = decode(code)
+        self._playing = False
+        self._start_rooms()
+        self._step(t)
 
     def _play(self, on: bool) -> None:
         if on and self._ended:

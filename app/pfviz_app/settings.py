@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import base64
+import json
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
@@ -165,4 +168,50 @@ _CONTROLS = (
     Control("dark", "Dark colours", "Light on dark", "switch", group="More"),
 )
 GROUPS = ("", "Tune", "More")
+_CODE = "pf1-"
+
+
+def encode(settings: Settings, t: int) -> str:
+    """A short code that brings back these settings at time ``t``; see ``decode``."""
+    default = Settings()
+    changed = {f.name: getattr(settings, f.name) for f in fields(settings)}
+    changed = {name: value for name, value in changed.items() if value != getattr(default, name)}
+    text = json.dumps(changed | ({"t": t} if t else {}), separators=(",", ":"))
+    return _CODE + base64.urlsafe_b64encode(zlib.compress(text.encode(), 9)).decode().rstrip("=")
+
+
+def decode(code: str) -> tuple[Settings, int]:
+    """The settings and the time that a share code stands for.
+
+    Raises:
+        ValueError: if it is not a share code, or asks for something there is not.
+    """
+    body = code.strip().removeprefix(_CODE)
+    try:
+        packed = base64.urlsafe_b64decode(body + "=" * (-len(body) % 4))
+        unpacking = zlib.decompressobj()
+        values = dict(json.loads(unpacking.decompress(packed, _LONGEST)))
+        t = values.pop("t", 0)
+        if not unpacking.eof:
+            raise ValueError("cut short")
+    except (ValueError, TypeError, zlib.error):
+        raise ValueError(f"{code[:40]!r} is not a share code: expected one that begins with {_CODE}") from None
+    if not isinstance(t, int) or not 0 <= t <= _LATEST:
+        raise ValueError(f"the share code asks for time {t!r}: expected 0 to {_LATEST}")
+    settings = Settings()
+    for field, value in values.items():
+        settings = settings.with_value(field, value)
+    return settings, t
+
+
+def command_line(settings: Settings, t: int) -> str:
+    """The command that runs the toy's film on screen, with noises as they were drawn."""
+    s = settings
+    return (
+        f"pfviz toy --world {s.world} --filter {s.filter} --particles {s.toy_particles} "
+        f"--steps {max(t, 1)} --seed {s.seed} --json"
+    )
+
+
+_LONGEST, _LATEST = 4096, 2000
 CONTROLS: dict[str, Control] = {control.field: control for control in _CONTROLS}
