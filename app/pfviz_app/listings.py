@@ -46,7 +46,8 @@ def list_filters(as_json: bool) -> None:
 
 def _filter_line(row: Mapping[str, Any]) -> str:
     bias = "unbiased" if row["unbiased"] else "biased"
-    return f"{row['filter']:<14} {bias:<9} {row['cost']:<30} {row['summary']} ({row['source']})"
+    cost = f"{row['cost']}; assumes {row['assumptions']}"
+    return f"{row['filter']:<15} {bias:<9} {cost:<71} {row['summary']} ({row['source']})"
 
 
 def _print(rows: Iterable[Mapping[str, Any]], as_json: bool, line: Any) -> None:

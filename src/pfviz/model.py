@@ -94,6 +94,23 @@ class Model(Protocol):
         ...
 
 
+@runtime_checkable
+class ObservationFunction(Protocol):
+    """An observation that is a function of the innovation plus Gaussian noise.
+
+    A model may offer one as its ``observation_function``; the unscented filter looks through it.
+    """
+
+    @property
+    def covariance(self) -> FloatArray:
+        """``(m, m)``: of the noise."""
+        ...
+
+    def expected(self, innovation: FloatArray) -> FloatArray:
+        """``(N, m)``: the mean of p(y | x1) for ``innovation (N, k)``."""
+        ...
+
+
 def is_missing(observation: Any) -> bool:
     """Whether there is nothing to weigh with: None, or an array that holds NaN."""
     if observation is None:

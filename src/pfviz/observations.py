@@ -41,6 +41,10 @@ class GaussianObservation:
     def sample(self, rng: np.random.Generator, innovation: FloatArray) -> FloatArray:
         return innovation + self._factor @ rng.standard_normal(len(innovation))  # type: ignore[attr-defined]
 
+    def expected(self, innovation: FloatArray) -> FloatArray:
+        """The innovation itself."""
+        return innovation
+
     def log_likelihood(self, innovation: FloatArray, observation: FloatArray) -> FloatArray:
         return log_gaussian(innovation - observation, self._factor)  # type: ignore[attr-defined]
 
@@ -72,8 +76,9 @@ class LookAlikes:
     def sample(self, rng: np.random.Generator, innovation: FloatArray) -> FloatArray:
         """``(m, k)`` detections in random order."""
         seen = np.concatenate([innovation[None], self.places])
+        order = rng.permutation(len(seen))
         noise = rng.standard_normal(seen.shape) @ self._factor.T  # type: ignore[attr-defined]
-        return rng.permutation(seen + noise)
+        return seen[order] + noise
 
     def log_likelihood(self, innovation: FloatArray, observation: FloatArray) -> FloatArray:
         terms = [log_gaussian(innovation - y, self._factor) for y in observation]  # type: ignore[attr-defined]

@@ -8,9 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from pfviz.model import Proposal
 from pfviz.particles import FloatArray, IntArray, ParticleSet, log_sum_exp, readonly
 
-StageKind = Literal["resample", "predict", "propose", "associate", "complete", "weight"]
+StageKind = Literal["resample", "predict", "propose", "search", "associate", "complete", "weight"]
 Condition = Literal["missing", "degenerate"]
 
 
@@ -27,6 +28,8 @@ class Association:
         means: ``(M, d)``, the mean of p(u | x_l) for each history.
         covariance: ``(d, d)``, the covariance of p(u | x_l).
         arbitrary: whether the join was made by index, whatever the densities say (Basic-SIR).
+        pool: ``(P, d)``, the innovations that could be chosen, where it was the histories that chose; else None.
+        log_pool_weights: ``(P,)``, what each innovation of the pool counted for, whatever the history.
     """
 
     histories: ParticleSet
@@ -35,19 +38,35 @@ class Association:
     means: FloatArray
     covariance: FloatArray
     arbitrary: bool = False
+    pool: FloatArray | None = None
+    log_pool_weights: FloatArray | None = None
 
     def log_joint(self, indices: IntArray) -> FloatArray:
         """``(len(indices), M)``: log w_l p(u_i | x_l) for the innovations at ``indices``."""
+        return self.histories.log_weights + self._log_transition(self.innovations[indices], self.means)
+
+    def _log_transition(self, innovations: FloatArray, means: FloatArray) -> FloatArray:
+        """``(len(innovations), len(means))``: the log-density of every innovation about every mean."""
         factor = np.linalg.cholesky(self.covariance)
-        u = np.linalg.solve(factor, self.innovations[indices].T).T
-        means = np.linalg.solve(factor, self.means.T).T
-        squares = np.sum((u[:, None] - means[None]) ** 2, axis=-1)
+        u, m = np.linalg.solve(factor, innovations.T).T, np.linalg.solve(factor, means.T).T
+        squares = np.sum((u[:, None] - m[None]) ** 2, axis=-1)
         constant = 0.5 * u.shape[1] * np.log(2.0 * np.pi) + np.log(np.diag(factor)).sum()
-        return self.histories.log_weights - 0.5 * squares - constant
+        return -0.5 * squares - constant
 
     def row(self, index: int) -> FloatArray:
         """``(M,)``: the probability with which history sampling joins innovation ``index`` to each history."""
         log_row = self.log_joint(np.array([index]))[0]
+        return np.exp(log_row - log_sum_exp(log_row))
+
+    def pool_row(self, index: int) -> FloatArray:
+        """``(P,)``: the probability with which history ``index`` draws each innovation of the pool (Innovation-SIR).
+
+        Raises:
+            ValueError: if there is no pool: innovations drew histories, not the other way about.
+        """
+        if self.pool is None or self.log_pool_weights is None:
+            raise ValueError("no innovations were drawn by histories here; see row()")
+        log_row = self.log_pool_weights + self._log_transition(self.pool, self.means[[index]])[:, 0]
         return np.exp(log_row - log_sum_exp(log_row))
 
     def strongest(self, index: int, count: int) -> tuple[IntArray, FloatArray]:
@@ -90,6 +109,8 @@ class Stage:
         log_factors: the log-factors by name, each ``(N,)``, that this stage multiplied into the weights; their sum is
             the unnormalised log-weight. Division by the proposal is the factor ``proposal``, with its sign.
         association: how innovations and histories were joined, where they were joined here.
+        proposal: the density that the innovations were drawn from, where they were drawn here and it is the same one
+            for all.
     """
 
     kind: StageKind
@@ -98,6 +119,7 @@ class Stage:
     histories: IntArray | None = None
     log_factors: Mapping[str, FloatArray] = field(default_factory=dict)
     association: Association | None = None
+    proposal: Proposal | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "log_factors", {name: readonly(v) for name, v in self.log_factors.items()})

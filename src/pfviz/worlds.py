@@ -11,6 +11,7 @@ import numpy as np
 
 from pfviz.dynamics import Autoregression
 from pfviz.exact import Gaussian, KalmanStep, kalman_step
+from pfviz.model import ObservationFunction
 from pfviz.names import find
 from pfviz.observations import GaussianObservation, LookAlikes, ObservationModel
 from pfviz.particles import FloatArray, readonly
@@ -76,6 +77,11 @@ class ToyModel:
             observed=self.observed.with_noise(observation),
             detector=self.detector.with_width(proposal),
         )
+
+    @property
+    def observation_function(self) -> ObservationFunction | None:
+        """What the unscented filter looks through, where y is a function of the innovation plus Gaussian noise."""
+        return self.observed if isinstance(self.observed, ObservationFunction) else None
 
     @property
     def observation_covariance(self) -> FloatArray | None:
@@ -188,7 +194,7 @@ def _plane() -> World:
         np.array([[0.0064, 0.0016], [0.0016, 0.0064]]),
     )
     before = np.array([[np.cos(turn), np.sin(turn)], [-np.sin(turn), np.cos(turn)]]) @ start
-    spread = np.kron(np.array([[1.0, 0.9], [0.9, 1.0]]), np.eye(2) * 0.04)
+    spread = readonly(np.kron([[1.0, 0.9], [0.9, 1.0]], 0.04 * np.eye(2)))
     observed = LookAlikes(np.array([[-1.2, 1.0]]), np.eye(2) * 0.0225)
     detector = Detector(0.18, np.zeros((1, 2)), np.ones(1))
     return World(

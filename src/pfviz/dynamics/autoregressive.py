@@ -23,7 +23,7 @@ def cholesky_factor(covariance: FloatArray, name: str = "covariance") -> FloatAr
     if not np.isfinite(covariance).all() or not is_symmetric(covariance):
         raise ValueError(f"{name} must be symmetric and finite, got {covariance.tolist()}")
     try:
-        return np.linalg.cholesky(covariance)
+        return np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
     except np.linalg.LinAlgError:
         raise ValueError(f"{name} must be positive definite, got {covariance.tolist()}") from None
 
@@ -146,7 +146,7 @@ class Autoregression:
     def log_transition(self, proposed: FloatArray, states: FloatArray, components: Components) -> FloatArray:
         """``(N,)``: log p(u_i | x_i), one by one, for the ``components`` given."""
         chosen = list(components)
-        factor = np.linalg.cholesky(self.noise_covariance[np.ix_(chosen, chosen)])
+        factor = cholesky_factor(self.noise_covariance[np.ix_(chosen, chosen)])
         return log_gaussian(proposed - self.predict(states)[:, chosen], factor)
 
     def stationary_covariance(self) -> FloatArray:

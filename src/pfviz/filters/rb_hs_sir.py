@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pfviz.filters import steps
-from pfviz.model import Model, is_missing
+from pfviz.model import Model, Proposal, is_missing
 from pfviz.particles import ParticleSet
 from pfviz.randomness import Streams
 from pfviz.record import StepRecord
@@ -23,12 +23,16 @@ class RbHsSir:
     ``p(y | u_i, v_i) / pi(u_i | y) * sum_l w_l p(u_i | x_l)``. Unbiased. Nothing is resampled on its own: the draw of
     the histories does it.
 
-    With a proposal that covers the whole innovation this is RB-HS-SIR (Table 3); with one that covers a subspace it is
-    RB-SS-HS-SIR (Table 4). Two misprints of Table 4 are put right here: its sum runs over ``w_l p(u_l | x_l)`` where
-    the derivation needs ``w_l p(u_i | x_l)``; and it weighs by p(y | u) where the observation depends on the whole
-    innovation (Assumption D), so ``p(y | u, v)``.
+    Why it works: joined to a history drawn at random, u_i would need the weight ``p(u_i | x_l)`` of Basic-SIR, which is
+    tiny for most l. Drawing l in proportion to it moves that factor from the weight into the draw, and leaves its mean
+    over the histories, the sum, which is the same whatever history was drawn.
 
-    Cost: N likelihoods and N^2 transition densities.
+    With a proposal that covers the whole innovation this is RB-HS-SIR (Table 3); with one that covers a subspace it is
+    RB-SS-HS-SIR (Table 4), for any components and any noise covariance. Two misprints of Table 4 are put right here:
+    its sum runs over ``w_l p(u_l | x_l)`` where the derivation needs ``w_l p(u_i | x_l)``; and it weighs by p(y | u)
+    where the observation depends on the whole innovation (Assumption D), so ``p(y | u, v)``.
+
+    Assumes A, B, D and E of the sources, and a Gaussian transition. Cost: N likelihoods and N^2 transition densities.
 
     Attributes:
         n_particles: N.
@@ -46,9 +50,13 @@ class RbHsSir:
         streams = Streams(rng)
         if is_missing(observation):
             return steps.predict_only(streams, model, particles, observation)
-        dynamics, proposal = model.dynamics, model.proposal(observation)
-        components = proposal.components
+        return self.weigh_proposed(streams, model, particles, observation, model.proposal(observation))
 
+    def weigh_proposed(
+        self, streams: Streams, model: Model, particles: ParticleSet, observation: Any, proposal: Proposal
+    ) -> StepRecord:
+        """The step with a ``proposal`` other than the model's own, such as one found by a search."""
+        dynamics, components = model.dynamics, proposal.components
         proposed = steps.propose(streams, proposal, self.n_particles)
         associated = steps.sample_histories(streams, dynamics, particles, proposed, components)
         chosen = associated.stage.histories

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from pfviz import kernels
+from pfviz.dynamics import Autoregression
 from pfviz.model import Components, Dynamics, Model, Proposal, shift
-from pfviz.particles import FloatArray, IntArray, ParticleSet, log_sum_exp
+from pfviz.particles import FloatArray, IntArray, ParticleSet
 from pfviz.randomness import Streams
 from pfviz.record import Association, Condition, Stage, StepRecord
 from pfviz.resampling import RESAMPLERS
@@ -35,6 +36,14 @@ def check_share(name: str, value: float) -> None:
         raise FilterError(f"{name} must be between 0 and 1, got {value!r}")
 
 
+def check_log_factor(name: str, values: FloatArray, count: int) -> None:
+    """Raise a ``FilterError`` unless ``values`` are ``count`` numbers, minus infinity among them."""
+    if np.shape(values) != (count,):
+        raise FilterError(f"the log {name} must have shape ({count},), got {np.shape(values)}")
+    if not np.max(values) < np.inf:
+        raise FilterError(f"the log {name} of a particle is NaN or infinite; it must be a number or -inf")
+
+
 def sample_prior(rng: np.random.Generator, model: Model, n_particles: int) -> ParticleSet:
     """Equally weighted draws of the prior: the particle set at time 0 of every filter."""
     return ParticleSet.uniform(model.sample_prior(Streams(rng).of("prior"), n_particles))
@@ -48,22 +57,45 @@ def resample(streams: Streams, particles: ParticleSet, scheme: str, ess_threshol
     everyone = np.arange(len(particles))
     if ess_threshold < 1.0 and particles.effective_sample_size >= ess_threshold * len(particles):
         return Stage("resample", particles, ancestors=everyone, histories=everyone)
-    ancestors = RESAMPLERS[scheme](streams.of("resample"), particles.weights, len(particles))
+    ancestors = draw_ancestors(streams.of("resample"), particles.weights, scheme)
     return Stage("resample", particles.take(ancestors), ancestors=ancestors, histories=ancestors)
+
+
+def draw_ancestors(rng: np.random.Generator, weights: FloatArray, scheme: str, count: int | None = None) -> IntArray:
+    """``(count,)``: indices drawn in proportion to ``weights (N,)``; N of them by default."""
+    if scheme == "systematic":
+        return kernels.systematic_ancestors(weights, rng.random(), count)
+    return RESAMPLERS[scheme](rng, weights, count)
+
+
+def select(streams: Streams, before: Stage, scheme: str, count: int | None = None) -> Stage:
+    """Draw particles of the stage before by their weights, after which they weigh the same; histories go with them."""
+    chosen = draw_ancestors(streams.of("choose"), before.particles.weights, scheme, count)
+    histories = None if before.histories is None else before.histories[chosen]
+    return Stage("resample", before.particles.take(chosen), chosen, histories)
 
 
 def predict(streams: Streams, dynamics: Dynamics, before: Stage) -> Stage:
     """Draw each particle's innovation from p(x1' | x): the proposal of CONDENSATION."""
     particles = before.particles
-    states = shift(particles.states, dynamics.sample(streams.of("predict"), particles.states))
+    states = next_states(streams, dynamics, particles.states)
     everyone = np.arange(len(particles))
     return Stage("predict", ParticleSet(states, particles.log_weights), everyone, before.histories)
+
+
+def next_states(streams: Streams, dynamics: Dynamics, states: FloatArray) -> FloatArray:
+    """``(N, p, k)``: a draw of the state that follows each of ``states (N, p, k)``."""
+    if type(dynamics) is Autoregression:  # a subclass may draw in another way
+        mean = np.asarray(dynamics.mean)
+        seed = streams.seed("predict")
+        return kernels.propagate(states, None, dynamics.coefficients, mean, dynamics.noise_factor, seed)
+    return shift(states, dynamics.sample(streams.of("predict"), states))
 
 
 def propose(streams: Streams, proposal: Proposal, count: int) -> Stage:
     """Draw innovations from pi(u | y): particles of order 1 that have no history yet."""
     proposed = proposal.sample(streams.of("propose"), count)
-    return Stage("propose", ParticleSet.uniform(proposed[:, None, :]))
+    return Stage("propose", ParticleSet.uniform(proposed[:, None, :]), proposal=proposal)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,6 +124,14 @@ def sample_histories(
     everyone = np.arange(len(innovations))
     stage = Stage("associate", proposed.particles, everyone, chosen, association=association)
     return Associated(stage, log_mixture)
+
+
+def log_mixture(
+    dynamics: Dynamics, histories: ParticleSet, innovations: FloatArray, components: Components
+) -> FloatArray:
+    """``(N,)``: log sum_l w_l p(u_i | x_l) for ``innovations (N, d)``, the density that the histories predict."""
+    means, covariance = restricted(dynamics, histories.states, components)
+    return kernels.log_mixture_density(innovations, means, histories.log_weights, covariance)
 
 
 def join_by_index(dynamics: Dynamics, histories: Stage, proposed: Stage, components: Components) -> Stage:
@@ -136,25 +176,40 @@ class Weighed:
 def weigh(before: Stage, log_factors: Mapping[str, FloatArray]) -> Weighed:
     """Multiply factors into the weights: w_i becomes w_i * product of factors, normalised.
 
-    Where every weight would be zero there is nothing to prefer: the weights stay as they were, the evidence is zero and
-    the condition is "degenerate".
+    Where every weight would be zero there is nothing to prefer: the weights stay as they were, the evidence is zero
+    (its logarithm minus infinity) and the condition is "degenerate". The filter goes on from the particles it has
+    drawn: a filter that proposes from pi(u | y) is then where the detector pointed, one that predicts is where the
+    dynamics led.
 
     Raises:
         FilterError: if a factor is NaN or plus infinity.
     """
     particles = before.particles
     for name, values in log_factors.items():
-        if np.shape(values) != (len(particles),):
-            raise FilterError(f"the log {name} must have shape ({len(particles)},), got {np.shape(values)}")
-        if np.isnan(values).any() or np.isposinf(values).any():
-            raise FilterError(f"the log {name} of a particle is NaN or infinite; it must be a number or -inf")
+        check_log_factor(name, values, len(particles))
     everyone = np.arange(len(particles))
-    total = particles.log_weights + np.sum(list(log_factors.values()), axis=0)
-    log_evidence = log_sum_exp(total)
-    degenerate = not np.isfinite(log_evidence)
-    weighted = particles if degenerate else particles.reweighted(total - log_evidence)
+    total = sum(log_factors.values(), start=particles.log_weights)
+    if np.isneginf(total.max()):
+        stage = Stage("weight", particles, everyone, before.histories, log_factors)
+        return Weighed(stage, -np.inf, "degenerate")
+    normalised = kernels.normalise_log_weights(total)
+    weighted = particles.reweighted(normalised.log_weights)
     stage = Stage("weight", weighted, everyone, before.histories, log_factors)
-    return Weighed(stage, log_evidence, "degenerate" if degenerate else None)
+    return Weighed(stage, normalised.log_sum)
+
+
+def extend(record: StepRecord, stage: Stage) -> StepRecord:
+    """The record with one more stage."""
+    return replace(record, stages=(*record.stages, stage))
+
+
+def with_cost(record: StepRecord, likelihoods: int, transitions: int) -> StepRecord:
+    """The record with evaluations added that were made before its first stage."""
+    return replace(
+        record,
+        likelihood_evaluations=record.likelihood_evaluations + likelihoods,
+        transition_evaluations=record.transition_evaluations + transitions,
+    )
 
 
 def predict_only(streams: Streams, model: Model, particles: ParticleSet, observation: Any) -> StepRecord:
