@@ -196,6 +196,7 @@ def _one_hot(case):
 def _far_from_the_heaviest(case):
     n = len(case[2])
     case[2][:] = -300.0 * np.arange(n) / n
+    case[2][-1] = -np.inf
     case[1][: n // 2] += 1e4
     return case
 
@@ -403,13 +404,14 @@ def test_beyond_the_range_of_numbers_the_weights_alone_draw(variant):
     means, weights = np.zeros((4, 2)), np.array([0.0, 0.5, 0.2, 0.3])
     with np.errstate(divide="ignore"):
         log_weights = np.log(weights)
-    innovations = np.array([[1e300, 0.0], [0.0, 0.0], [0.0, -1e200], [1e250, 1e250]])
-    log_mixture, ancestors = sample(variant, innovations, means, log_weights, np.eye(2), [0.1, 0.1, 0.6, 0.9])
-    assert np.isneginf(log_mixture).tolist() == [True, False, True, True]
-    assert ancestors.tolist() == [1, 1, 2, 3]
+    innovations = np.array([[60.0, 0.0], [1e300, 0.0], [0.0, 0.0], [0.0, -1e200], [1e250, 1e250]])
+    uniforms = [0.95, 0.1, 0.1, 0.6, 0.9]
+    log_mixture, ancestors = sample(variant, innovations, means, log_weights, np.eye(2), uniforms)
+    assert np.isneginf(log_mixture).tolist() == [False, True, False, True, True]
+    assert ancestors.tolist() == [3, 1, 1, 2, 3]
     means = np.array([[1e250], [-1e250], [1e250], [-1e250]]) * np.ones(2)
-    everywhere = sample(variant, innovations, means, log_weights, np.eye(2) * 1e-200, [0.1, 0.1, 0.6, 0.9])
-    assert np.isneginf(everywhere[0]).all() and everywhere[1].tolist() == [1, 1, 2, 3]
+    everywhere = sample(variant, innovations, means, log_weights, np.eye(2) * 1e-200, uniforms)
+    assert np.isneginf(everywhere[0]).all() and everywhere[1].tolist() == [3, 1, 1, 2, 3]
 
 
 @every_precision
@@ -631,6 +633,17 @@ def test_a_padded_map_serves_every_smaller_reach():
         cost = np.linspace(0.0, -4.0, reach + 2)
         direct = kernels.scan_contours(edges, transforms, points, normals, cost)
         np.testing.assert_array_equal(kernels.scan_contours(padded, transforms, points, normals, cost), direct)
+
+
+@both_scans
+def test_an_edge_map_of_other_making_is_brought_to_the_kernel_or_refused(scan):
+    edges = np.random.default_rng(3).random((20, 20)) < 0.2
+    good = kernels.pad_edges(edges, 2)
+    arguments = (np.tile(IDENTITY, (3, 1, 1)), [[4.0, 5.0], [11.0, 9.0]], np.ones((2, 2)), np.arange(4.0))
+    other = kernels.EdgeMap(np.asfortranarray(good.padded.astype(float)), 2)
+    np.testing.assert_array_equal(scan(other, *arguments), scan(good, *arguments))
+    with pytest.raises(ValueError, match="padded must have shape"):
+        kernels.EdgeMap(np.zeros(9), 2)
 
 
 @both_scans

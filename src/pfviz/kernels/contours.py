@@ -40,6 +40,9 @@ class EdgeMap:
     padded: NDArray[np.uint8]
     reach: int
 
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "padded", checked("padded", self.padded, (None, None), np.uint8))
+
     @property
     def margin(self) -> int:
         return 2 * self.reach + 2
@@ -64,7 +67,7 @@ def pad_edges(edges: ArrayLike, reach: int) -> EdgeMap:
     height, width = image.shape
     padded = np.zeros((height + 2 * margin, width + 2 * margin), dtype=np.uint8)
     padded[margin : margin + height, margin : margin + width] = image != 0
-    return EdgeMap(frozen(padded), reach)
+    return EdgeMap(padded, reach)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
