@@ -74,12 +74,12 @@ class GridProposal:
     def log_density(self, proposed: FloatArray) -> FloatArray:
         """``(N,)``: the log-density at ``proposed (N, 2)``; minus infinity outside the image."""
         rows, columns = self.probabilities.shape
-        cells = np.floor(proposed / self.cell).astype(int)
-        inside = ((cells >= 0) & (cells < [columns, rows])).all(axis=1)
+        inside = ((proposed >= 0.0) & (proposed < self.size)).all(axis=1)
+        cells = np.minimum(np.floor(proposed[inside] / self.cell).astype(int), [columns - 1, rows - 1])
         with np.errstate(divide="ignore"):
             log_density = np.log(self.density)
         result = np.full(len(proposed), -np.inf)
-        result[inside] = log_density[cells[inside, 1], cells[inside, 0]]
+        result[inside] = log_density[cells[:, 1], cells[:, 0]]
         return result
 
 
@@ -100,7 +100,8 @@ class BlobDetector:
         offset: ``(2,)``, where the peak lies relative to the object's centre, in pixels of the map.
         sharpness: the power of the response.
         floor: the mass spread evenly over the image, relative to that of one clearly seen object.
-        mass: the mass of one clearly seen object, in cells.
+        reference: ``(m,)``, the response about the object when it was learnt, which tells how much one such
+            object weighs.
     """
 
     size: tuple[int, int]
@@ -108,9 +109,9 @@ class BlobDetector:
     map_scale: float
     kernel: NDArray[np.float32]
     offset: FloatArray
+    reference: FloatArray
     sharpness: float = 6.0
     floor: float = 0.1
-    mass: float = 1.0
 
     @classmethod
     def learn(
@@ -124,13 +125,12 @@ class BlobDetector:
         """From the colour ``ratio (h, w)`` of the working image with ``contour`` at ``centre``."""
         map_scale = min(1.0, _SIZE_ON_MAP / (contour.size * working_scale))
         kernel = _kernel(contour.outline() * (working_scale * map_scale))
-        plain = cls(size, _grid_shape(size, contour.size), map_scale, kernel, np.zeros(2))
-        response = plain.response(ratio)
-        offset = _peak_offset(response, centre * (working_scale * map_scale), 0.5 * _SIZE_ON_MAP)
-        corrected = replace(plain, offset=offset)
-        weights = corrected.cells(ratio)
-        near = _cells_near(centre, contour.size, weights.shape, size)
-        return replace(corrected, mass=max(float(weights[near].sum()), 0.25))
+        plain = cls(size, _grid_shape(size, contour.size), map_scale, kernel, np.zeros(2), np.ones(1))
+        response = plain.response(ratio).astype(float)
+        away = _offsets_from(centre * (working_scale * map_scale), response.shape)
+        distance = np.hypot(*away)
+        offset = _peak_offset(response, away, distance <= 0.5 * _SIZE_ON_MAP)
+        return replace(plain, offset=offset, reference=response[distance <= _SIZE_ON_MAP])
 
     def response(self, ratio: NDArray[np.uint8]) -> NDArray[np.float32]:
         """``(h, w)`` of the response map, between 0 and 1, from the colour ratio of the working image."""
@@ -152,7 +152,9 @@ class BlobDetector:
     def detect(self, ratio: NDArray[np.uint8]) -> GridProposal:
         """The proposal for a frame, from the colour ratio of its working image."""
         cells = self.cells(ratio)
-        return GridProposal(cells + self.floor * self.mass / cells.size, self.size)
+        area = np.prod(ratio.shape) * self.map_scale**2 / cells.size
+        one_object = max(float(np.sum(self.reference**self.sharpness)) / area, 1e-6)
+        return GridProposal(cells + self.floor * one_object / cells.size, self.size)
 
     def widened(self, factor: float) -> BlobDetector:
         """A detector that is less sure of itself (``factor`` above 1) or surer (below)."""
@@ -186,17 +188,14 @@ def _turned_mean(outline: FloatArray, radius: int, fine: int = 4, turns: int = 3
     return total.reshape(2 * radius + 1, fine, 2 * radius + 1, fine).mean(axis=(1, 3)) / turns
 
 
-def _peak_offset(response: NDArray[np.float32], centre: FloatArray, reach: float) -> FloatArray:
-    """``(2,)``: from ``centre`` to the centre of mass of the response's peak near it, in map pixels."""
-    rows, columns = np.indices(response.shape)
-    dx, dy = columns + 0.5 - centre[0], rows + 0.5 - centre[1]
-    weights = np.where(np.hypot(dx, dy) <= reach, response.astype(float) ** 3, 0.0)
-    total = weights.sum()
-    return np.zeros(2) if total <= 0 else np.array([(weights * dx).sum(), (weights * dy).sum()]) / total
-
-
-def _cells_near(centre: FloatArray, reach: float, shape: tuple[int, int], size: tuple[int, int]) -> NDArray[np.bool_]:
+def _offsets_from(centre: FloatArray, shape: tuple[int, ...]) -> FloatArray:
+    """``(2, h, w)``: the way in x and y from ``centre`` to the middle of every pixel."""
     rows, columns = np.indices(shape)
-    x = (columns + 0.5) * size[0] / shape[1]
-    y = (rows + 0.5) * size[1] / shape[0]
-    return np.hypot(x - centre[0], y - centre[1]) <= reach
+    return np.stack([columns + 0.5 - centre[0], rows + 0.5 - centre[1]])
+
+
+def _peak_offset(response: FloatArray, away: FloatArray, near: NDArray[np.bool_]) -> FloatArray:
+    """``(2,)``: from the object's centre to the centre of mass of the response's peak, in map pixels."""
+    weights = np.where(near, response**3, 0.0)
+    total = weights.sum()
+    return np.zeros(2) if total <= 0 else (away * weights).sum(axis=(1, 2)) / total

@@ -31,7 +31,9 @@ _RADIUS = 17.0
 _FINE = 4
 _EXPOSURE = 0.35
 _NOISE = 2.2
-_TABLE_TOP, _TABLE_BOTTOM = 140.0, 158.0
+_TABLE = (134.0, 160.0)
+_PASSING_DISTANCE = (8.0, 18.0)
+_PASSING_SPEED = 3.0
 
 
 def make_scene(text: str) -> Scene:
@@ -152,8 +154,18 @@ class Scene:
         draw_stick(canvas, states[1])
         draw_object(canvas, states)
         canvas = cv2.GaussianBlur(canvas, (0, 0), 0.6)
-        noise = np.random.default_rng([self._seed, 2, index]).standard_normal(canvas.shape, dtype=np.float32)
-        return np.clip(np.rint(canvas + _NOISE * noise), 0, 255).astype(np.uint8)
+        canvas += self._sensor_noise(index)
+        return np.clip(canvas + 0.5, 0, 255).astype(np.uint8)
+
+    def _sensor_noise(self, index: int) -> NDArray[np.float32]:
+        """``(h, w, 3)``: another cut-out of a large field of noise for each frame."""
+        left, top = np.random.default_rng([self._seed, 3, index]).integers(0, SIZE)
+        return self._noise[top : top + SIZE[1], left : left + SIZE[0]]
+
+    @cached_property
+    def _noise(self) -> NDArray[np.float32]:
+        rng = np.random.default_rng([self._seed, 2])
+        return _NOISE * rng.standard_normal((2 * SIZE[1], 2 * SIZE[0], 3), dtype=np.float32)
 
 
 SCENES: dict[str, Callable[[int], Scene]] = {"twin": Scene}
@@ -173,18 +185,25 @@ def _placed(state: FloatArray) -> FloatArray:
 
 
 def _choreography(rng: np.random.Generator) -> tuple[Motion, FloatArray]:
-    """A motion, and the state of a twin that it starts away from and comes by later."""
+    """A motion, and the state of a twin on the table that it starts away from and sweeps across later."""
     seconds = np.arange(FRAME_COUNT) / FRAME_RATE
-    for _ in range(1000):
+    for _ in range(10_000):
         motion = _hand_motion(rng)
         path = motion.at(seconds)[:, :2]
-        lowest = path[30 + int(np.argmax(path[30:, 1]))]
-        x, y = lowest + rng.uniform(-9.0, 9.0, 2)
-        twin = np.array(
-            [x, np.clip(y, _TABLE_TOP, _TABLE_BOTTOM), rng.uniform(-np.pi, np.pi), rng.uniform(-0.08, 0.08)]
-        )
-        distances = np.linalg.norm(path - twin[:2], axis=1)
-        if _within_frame(path) and distances[:20].min() > 55.0 and 4.0 < distances.min() < 20.0:
+        velocity = np.gradient(path, axis=0)
+        speed = np.linalg.norm(velocity, axis=1)
+        passing = int(rng.integers(40, FRAME_COUNT - 25))
+        aside = np.array([-velocity[passing, 1], velocity[passing, 0]]) / speed[passing]
+        position = path[passing] + rng.choice([-1.0, 1.0]) * rng.uniform(*_PASSING_DISTANCE) * aside
+        twin = np.array([*position, rng.uniform(-np.pi, np.pi), rng.uniform(-0.08, 0.08)])
+        distances = np.linalg.norm(path - position, axis=1)
+        if (
+            _within_frame(path)
+            and _TABLE[0] < position[1] < _TABLE[1]
+            and speed[passing] > _PASSING_SPEED
+            and distances[:20].min() > 55.0
+            and distances.min() > _PASSING_DISTANCE[0]
+        ):
             return motion, twin
     raise AssertionError("no motion was found that passes by the twin")
 
@@ -195,8 +214,8 @@ def _within_frame(path: FloatArray) -> bool:
 
 def _hand_motion(rng: np.random.Generator) -> Motion:
     """Slow sweeps, quicker ones on top, and a little shaking."""
-    amplitudes = np.array([[62.0, 22.0, 3.5], [38.0, 15.0, 3.0], [0.55, 0.3, 0.05], [0.16, 0.05, 0.005]])
-    centre = [rng.uniform(105.0, 135.0), rng.uniform(88.0, 98.0), rng.uniform(-0.5, 0.5), 0.0]
+    amplitudes = np.array([[62.0, 22.0, 3.5], [42.0, 16.0, 3.0], [0.55, 0.3, 0.05], [0.16, 0.05, 0.005]])
+    centre = [rng.uniform(105.0, 135.0), rng.uniform(90.0, 102.0), rng.uniform(-0.5, 0.5), 0.0]
     return Motion(
         mean=np.array(centre),
         amplitudes=amplitudes * rng.uniform(0.75, 1.15, amplitudes.shape),

@@ -60,7 +60,7 @@ class TrackerOptions:
     """
 
     normals: int = 32
-    independent_normals: float = 4.0
+    independent_normals: float = 6.0
     independent_pixels: float = 4.0
     position_noise: float = 0.02
     rotation_noise: float = 0.04

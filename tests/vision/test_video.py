@@ -1,0 +1,162 @@
+"""Video sources: right frames in any order, and one clear line for whatever cannot be used."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from pfviz.vision.video import EndOfVideo, VideoError, VideoFile, VideoSource, frames, open_source, suggested_box
+
+SIZE = (64, 48)
+
+
+def numbered(index: int) -> np.ndarray:
+    """A frame that shows its number in eight bright or dark blocks."""
+    frame = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
+    for bit in range(8):
+        frame[:, 8 * bit : 8 * bit + 8] = 230 if index >> bit & 1 else 20
+    return frame
+
+
+def number_in(frame: np.ndarray) -> int:
+    return sum(int(frame[12:36, 8 * bit + 2 : 8 * bit + 6].mean() > 125) << bit for bit in range(8))
+
+
+def write_video(path, count: int, codec: str = "mp4v") -> str:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25.0, SIZE)
+    for index in range(count):
+        writer.write(numbered(index))
+    writer.release()
+    return str(path)
+
+
+@pytest.fixture
+def video(tmp_path) -> VideoFile:
+    return VideoFile(write_video(tmp_path / "numbers.mp4", 120))
+
+
+def test_a_file_tells_its_size_rate_and_length(video):
+    assert isinstance(video, VideoSource)
+    assert (video.name, video.size, video.frame_rate, video.frame_count) == ("numbers.mp4", SIZE, 25.0, 120)
+    assert video.truth(0) is None
+    assert suggested_box(video) is None
+
+
+def test_frames_come_in_order(video):
+    assert [(index, number_in(image)) for index, image in frames(video, 3)] == [(i, i) for i in range(3, 120)]
+
+
+@pytest.mark.parametrize("cached", [True, False])
+def test_any_frame_can_be_read_at_any_time(video, cached):
+    for index in (50, 10, 51, 119, 0, 118, 60, 61, 5):
+        if not cached:
+            video._cache.clear()
+        assert number_in(video.read(index)) == index
+
+
+def test_past_the_end_is_the_end_and_not_a_failure(video):
+    with pytest.raises(EndOfVideo, match=r"numbers.mp4.*ends after 120 frames"):
+        video.read(120)
+    with pytest.raises(EndOfVideo):
+        video.read(-1)
+    assert number_in(video.read(7)) == 7
+
+
+def test_frames_cannot_be_written_to(video):
+    with pytest.raises(ValueError, match="read-only"):
+        video.read(0)[0, 0] = 0
+
+
+def test_of_a_truncated_file_the_whole_frames_are_used(tmp_path):
+    path = tmp_path / "cut.avi"
+    write_video(path, 100, "MJPG")
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    with open_source(path) as source:
+        numbers = [number_in(image) for _, image in frames(source)]
+        assert 30 < len(numbers) < 70
+        assert numbers == list(range(len(numbers)))
+        assert source.frame_count == len(numbers)
+        with pytest.raises(EndOfVideo, match="ends after"):
+            source.read(len(numbers))
+
+
+def bad_files(folder):
+    (folder / "folder.mp4").mkdir()
+    (folder / "empty.mp4").write_bytes(b"")
+    (folder / "text.mp4").write_text("this is not a video\n" * 50)
+    (folder / "garbage.mp4").write_bytes(np.random.default_rng(0).bytes(30_000))
+    write_video(folder / "none.mp4", 0)
+    headless = folder / "headless.mp4"
+    write_video(headless, 30)
+    headless.write_bytes(headless.read_bytes()[:1000])
+
+
+@pytest.mark.parametrize(
+    ("name", "trouble"),
+    [
+        ("missing.mp4", "no such file"),
+        ("folder.mp4", "is a folder"),
+        ("empty.mp4", "is empty"),
+        ("text.mp4", "not a video"),
+        ("garbage.mp4", "not a video"),
+        ("none.mp4", "decoded"),
+        ("headless.mp4", "decoded"),
+    ],
+)
+def test_a_file_that_cannot_be_used_is_named_in_one_line(tmp_path, name, trouble):
+    bad_files(tmp_path)
+    with pytest.raises(VideoError) as error:
+        open_source(tmp_path / name)
+    message = str(error.value)
+    assert str(tmp_path / name) in message
+    assert trouble in message
+    assert "\n" not in message
+
+
+@pytest.mark.parametrize(
+    ("text", "trouble"),
+    [
+        ("scene:twim", "did you mean 'twin'"),
+        ("scene:", "there are twin"),
+        ("scene:twin:x", "seed must be a whole number, got 'x'"),
+        ("scene:twin:-3", "seed must be a whole number, got '-3'"),
+        ("camera:front", "expected camera:N"),
+        ("camera:97", "camera:97: there is no such camera"),
+    ],
+)
+def test_a_name_that_means_nothing_is_answered_with_what_was_expected(text, trouble):
+    with pytest.raises(VideoError, match=trouble):
+        open_source(text)
+
+
+def test_scenes_are_opened_by_name_and_seed():
+    default, seventh = open_source("scene:twin"), open_source("scene:twin:7")
+    assert (default.name, seventh.name) == ("scene:twin", "scene:twin:7")
+    assert default.truth(0) != seventh.truth(0)
+    assert suggested_box(default, 3) == default.box(3)  # pyright: ignore[reportAttributeAccessIssue]
+
+
+def test_nothing_is_written_on_stderr_by_the_decoder(tmp_path):
+    bad_files(tmp_path)
+    write_video(tmp_path / "cut.avi", 60, "MJPG")
+    (tmp_path / "cut.avi").write_bytes((tmp_path / "cut.avi").read_bytes()[:20_000])
+    script = """
+import pathlib, sys
+from pfviz.vision.video import VideoError, frames, open_source
+for name in [*sorted(map(str, pathlib.Path(sys.argv[1]).iterdir())), "camera:97"]:
+    try:
+        list(frames(open_source(name)))
+    except VideoError:
+        pass
+"""
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    done = subprocess.run(
+        [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, env=environment
+    )
+    assert (done.returncode, done.stderr) == (0, "")
