@@ -14,7 +14,7 @@ from pfviz.vision.video import EndOfVideo, VideoSource
 def objects_in(image: np.ndarray) -> list[np.ndarray]:
     """``(n, 2)`` for each connected part of the object's colour: the middles of its pixels."""
     blue, green, red = image.astype(int).transpose(2, 0, 1)
-    mask = ((red - green > 55) & (red - blue > 25)).astype(np.uint8)
+    mask = ((red - green > 70) & (blue - green > 10)).astype(np.uint8)
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, np.ones((3, 3), np.uint8))
     count, labels = cv2.connectedComponents(mask)
     parts = [np.argwhere(labels == label)[:, ::-1] + 0.5 for label in range(1, count)]

@@ -16,6 +16,7 @@ from pfviz.vision.video import Image, VideoError, silence_opencv
 _WHITE, _BLACK = (255, 255, 255), (0, 0, 0)
 _DARK, _PALE = (30, 26, 24), (176, 170, 166)
 _SHIFT = 4
+_FINE_HEIGHT = 720
 
 
 def draw_track(
@@ -24,7 +25,8 @@ def draw_track(
     """A copy of the BGR ``image`` with contours of likely particles in black and the expected contour in
     white.
 
-    Both have a thin rim of the opposite tone, so that they show on any background.
+    Both have a thin rim of the opposite tone, so that they show on any background. They are drawn on an enlarged
+    copy, so that they are thin in small frames too.
 
     Args:
         image: the frame.
@@ -33,15 +35,18 @@ def draw_track(
         estimate: the configuration to draw in white.
         likely: how many of the particles to draw, the heaviest first.
     """
-    canvas = image.copy()
-    width = max(1.0, image.shape[0] / 240.0)
+    fineness = max(1, round(_FINE_HEIGHT / image.shape[0]))
+    canvas = cv2.resize(image, None, fx=fineness, fy=fineness, interpolation=cv2.INTER_NEAREST)
+    line = max(1.0, fineness * image.shape[0] / 360.0)
     states = likely_states(record, likely)
-    draw_closed(canvas, model.contour.outlines(states), _PALE, 2.2 * width)
-    draw_closed(canvas, model.contour.outlines(states), _DARK, width)
-    expected = model.contour.outlines(estimate.state)
-    draw_closed(canvas, expected, _BLACK, 3.4 * width)
-    draw_closed(canvas, expected, _WHITE, 1.8 * width)
-    return canvas
+    likely_outlines = fineness * model.contour.outlines(states)
+    expected = fineness * model.contour.outlines(estimate.state)
+    draw_closed(canvas, likely_outlines, _PALE, 1.8 * line)
+    draw_closed(canvas, likely_outlines, _DARK, line)
+    draw_closed(canvas, expected, _BLACK, 3.2 * line)
+    draw_closed(canvas, expected, _WHITE, 1.7 * line)
+    drawn = cv2.resize(canvas, image.shape[1::-1], interpolation=cv2.INTER_AREA)
+    return np.asarray(drawn, dtype=np.uint8)
 
 
 def likely_states(record: StepRecord, count: int) -> FloatArray:
