@@ -895,6 +895,15 @@ def test_systematic_points_fall_where_they_should(systematic):
     np.testing.assert_array_equal(systematic([1.0, 1.0], 0.9, 1), [1])
 
 
+@both_systematics
+def test_systematic_survives_a_cumulative_sum_that_rounds_up_before_its_end(systematic):
+    rng = np.random.default_rng(9)
+    for count in range(1, 120):
+        weights = np.append(rng.random(5), 1e-300)
+        ancestors = systematic(weights, 0.0, count)
+        assert ancestors.shape == (count,) and ancestors[0] == 0
+
+
 def test_systematic_writes_nowhere_else(compiled_module):
     """The last particle's share begins after the last point: its mark would fall outside."""
     buffer = np.full(6, -7)
