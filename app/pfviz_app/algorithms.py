@@ -38,13 +38,12 @@ _MIXTURE = Line(
 )
 _POSTERIOR = Line(None, "the posterior", r"p(x \mid y_{1:t}) \approx \sum_i w^{(i)} \delta_{x^{(i)}}")
 
+_PREDICT = Line("predict", "draw from the dynamics", r"x^{(i)} \sim p(x \mid x^{(a_i)})")
+_LIKELIHOOD = Line("weight", "likelihood", r"w^{(i)} \propto p(y \mid x^{(i)})")
+_HISTORY_SAMPLING = (_PROPOSE, _SAMPLE, _COMPLETE, _MIXTURE, _POSTERIOR)
+
 ALGORITHMS: dict[str, tuple[Line, ...]] = {
-    "condensation": (
-        _RESAMPLE,
-        Line("predict", "draw from the dynamics", r"x^{(i)} \sim p(x \mid x^{(a_i)})"),
-        Line("weight", "likelihood", r"w^{(i)} \propto p(y \mid x^{(i)})"),
-        _POSTERIOR,
-    ),
+    "condensation": (_RESAMPLE, _PREDICT, _LIKELIHOOD, _POSTERIOR),
     "basic-sir": (
         _RESAMPLE,
         _PROPOSE,
@@ -57,8 +56,82 @@ ALGORITHMS: dict[str, tuple[Line, ...]] = {
         ),
         _POSTERIOR,
     ),
-    "rb-hs-sir": (_PROPOSE, _SAMPLE, _COMPLETE, _MIXTURE, _POSTERIOR),
-    "rb-ss-hs-sir": (_PROPOSE, _SAMPLE, _COMPLETE, _MIXTURE, _POSTERIOR),
+    "hs-sir": (
+        _PROPOSE,
+        Line(
+            "weight",
+            "what each innovation is worth",
+            r"\alpha_j = \frac{p(y \mid u^{(j)})}{\pi(u^{(j)} \mid y)} \sum_k w^{(k)} p(u^{(j)} \mid x^{(k)})",
+        ),
+        Line("resample", "draw innovations by their worth", r"J_i \sim (\alpha_1, \dots, \alpha_N)"),
+        Line("associate", "each draws a history", r"I_i \sim w^{(\cdot)}\, p(u^{(J_i)} \mid x^{(\cdot)})"),
+        Line("complete", "join them", r"x^{(i)} = (u^{(J_i)}, f_2(x^{(I_i)}))"),
+        _POSTERIOR,
+    ),
+    "rb-hs-sir": _HISTORY_SAMPLING,
+    "rb-ss-hs-sir": _HISTORY_SAMPLING,
+    "innovation-sir": (
+        _RESAMPLE,
+        _PROPOSE,
+        Line(
+            "associate",
+            "each history draws an innovation",
+            r"J_i \sim \frac{p(y \mid u^{(\cdot)})\, p(u^{(\cdot)} \mid x^{(i)})}{\pi(u^{(\cdot)} \mid y)}",
+        ),
+        Line("complete", "join them", r"x^{(i)} = (u^{(J_i)}, f_2(x^{(i)}))"),
+        Line(
+            "weight",
+            "the mean over the pool",
+            r"\frac{w^{(i)}}{N} \sum_j \frac{p(y \mid u^{(j)})\, p(u^{(j)} \mid x^{(i)})}{\pi(u^{(j)} \mid y)}",
+        ),
+        _POSTERIOR,
+    ),
+    "icondensation": (
+        _RESAMPLE,
+        Line(
+            "propose", "predict, propose, or start anew", r"u^{(i)} \sim p(u \mid x^{(a_i)}) \text{ or } \pi(u \mid y)"
+        ),
+        Line("associate", "innovation i joins history i", r"I_i = i"),
+        _COMPLETE,
+        Line(
+            "weight",
+            "the mixture weight, though no history was sampled: biased",
+            r"\frac{p(y \mid u^{(i)}, v^{(i)})\, \sum_l w^{(l)} p(u^{(i)} \mid x^{(l)})}{\pi(u^{(i)} \mid y)}",
+        ),
+        _POSTERIOR,
+    ),
+    "auxiliary": (
+        Line("weight", "look ahead from each history", r"\lambda_k \propto w^{(k)} p(y \mid m_k)"),
+        Line("resample", "draw ancestors by that", r"a_i \sim (\lambda_1, \dots, \lambda_N)"),
+        _PREDICT,
+        Line("weight", "take the look ahead back", r"w^{(i)} \propto \frac{p(y \mid x^{(i)})}{p(y \mid m_{a_i})}"),
+        _POSTERIOR,
+    ),
+    "unscented": (
+        _RESAMPLE,
+        Line(
+            "predict",
+            "draw from the particle's own Kalman filter",
+            r"x^{(i)} \sim q_i(x) \approx p(x \mid x^{(a_i)}, y)",
+        ),
+        Line(
+            "weight",
+            "likelihood × transition ÷ proposal",
+            r"\frac{p(y \mid x^{(i)})\, p(x^{(i)} \mid x^{(a_i)})}{q_i(x^{(i)})}",
+        ),
+        _POSTERIOR,
+    ),
+    "ls-n-ips": (
+        _RESAMPLE,
+        _PREDICT,
+        Line("search", "climb the likelihood nearby: biased", r"x^{(i)} \leftarrow S_\lambda(x^{(i)}; y)"),
+        _LIKELIHOOD,
+        _POSTERIOR,
+    ),
+    "ls-hs-sir": (
+        Line("propose", "draw where scouts have climbed to", r"u^{(i)} \sim q(u \mid y)"),
+        *_HISTORY_SAMPLING[1:],
+    ),
 }
 
 

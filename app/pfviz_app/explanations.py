@@ -22,12 +22,49 @@ _LOOK_FOR = {
 _LOOK_FOR["rb-ss-hs-sir"] = (
     _LOOK_FOR["rb-hs-sir"] + " On the video the detector proposes x and y only; the rest follows from the history."
 )
+_LOOK_FOR |= {
+    "hs-sir": (
+        "Innovations are **drawn by their worth**, then each draws a history. All new particles weigh the same: look "
+        "for several copies of one innovation with different histories."
+    ),
+    "innovation-sir": (
+        "The other way about: **each history chooses an innovation** that it could have produced. Many may choose the "
+        "same one."
+    ),
+    "icondensation": (
+        "Some particles are predicted, some proposed, some start anew. The proposed ones join **any** history but are "
+        "weighed as if it had been sampled: joins that cannot be keep their weight. **Biased.**"
+    ),
+    "auxiliary": (
+        "Histories are weighed by **what they would see**, before anything is drawn. Good histories multiply, the "
+        "second weights are nearly even."
+    ),
+    "unscented": (
+        "Every particle asks **a Kalman filter of its own** where to go, given the observation. Nothing is wasted "
+        "where the answer is a Gaussian."
+    ),
+    "ls-n-ips": (
+        "Predicted particles **climb the likelihood** before they are weighed. Better placed, but no longer drawn from "
+        "what the weights assume: **biased.**"
+    ),
+    "ls-hs-sir": (
+        "Scouts climb the likelihood; innovations are drawn where they end; histories are sampled. The search is paid "
+        "for in likelihoods, not in bias."
+    ),
+}
 _PREDICT = {
     "condensation": "make the system noise four times too small. What happens?",
     "basic-sir": "halve the system noise. Does the ESS rise or fall?",
+    "hs-sir": "can one innovation fill the whole new set?",
     "rb-hs-sir": "make the proposal four times too wide. Who pays, ESS or error?",
+    "rb-ss-hs-sir": "make the proposal four times too wide. Who pays, ESS or error?",
+    "innovation-sir": "make the proposal very narrow. What do all histories choose?",
+    "icondensation": "watch the green and the black curve. Do they agree?",
+    "auxiliary": "make the system noise four times larger. Does looking ahead still help?",
+    "unscented": "make the observation noise tiny. Does the ESS fall?",
+    "ls-n-ips": "is the green curve too narrow or too wide?",
+    "ls-hs-sir": "make the proposal very wide. Does it matter at all?",
 }
-_PREDICT["rb-ss-hs-sir"] = _PREDICT["rb-hs-sir"]
 
 
 def explanation(filter_name: str, world: str) -> str:

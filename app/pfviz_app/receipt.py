@@ -10,13 +10,16 @@ import numpy as np
 from pfviz.particles import FloatArray
 from pfviz.record import StepRecord
 from pfviz_app.stage.palette import DARK, LIGHT
+from pfviz_app.stage.seen import Seen, likeliest_histories
 
 _FACTORS = {
     "likelihood": "likelihood p(y|x)",
     "transition": "transition p(u|x)",
     "mixture": "mixture Σ w p(u|x)",
     "proposal": "÷ proposal π(u|y)",
+    "preview": "÷ look ahead p(y|m)",
 }
+_DIVISORS = ("proposal", "preview")
 _MOST_HISTORIES = 4
 
 
@@ -29,7 +32,7 @@ class Receipt:
         state: ``(k,)``, its innovation.
         before: its weight before the factors.
         factors: names and values.
-        normaliser: the sum of all weights before normalising: the step's evidence.
+        normaliser: the sum of all weights before normalising.
         weight: what it comes to.
         rank: 1 for the heaviest.
         count: of particles.
@@ -51,28 +54,38 @@ class Receipt:
 
 def receipt(record: StepRecord, index: int) -> Receipt | None:
     """The receipt of the particle at ``index`` in the weighed set; None where nothing was weighed."""
-    position = next((i for i, stage in enumerate(record.stages) if stage.kind == "weight"), None)
-    if position is None or not 0 <= index < len(record.stages[position].particles):
+    found = [i for i, stage in enumerate(record.stages) if stage.kind == "weight"]
+    if not found or not 0 <= index < len(record.stages[found[-1]].particles):
         return None
-    stage = record.stages[position]
-    earlier = record.stages[position - 1].particles if position else record.previous
-    association = record.association
-    choices: tuple[tuple[int, float], ...] = ()
-    if association is not None and index < len(association.innovations):
-        found, probabilities = association.strongest(index, _MOST_HISTORIES)
-        choices = tuple((int(i), float(p)) for i, p in zip(found, probabilities, strict=True))
+    stage = record.stages[found[-1]]
+    earlier = record.stages[found[-1] - 1].particles if found[-1] else record.previous
+    history, choices = _joined(record, index)
+    log_weights = stage.particles.log_weights
+    log_factors = {name: float(values[index]) for name, values in stage.log_factors.items()}
+    log_before = float(earlier.log_weights[index])
     return Receipt(
         index=index,
         state=stage.particles.innovation[index],
-        before=float(earlier.weights[index]),
-        factors=tuple((name, float(np.exp(values[index]))) for name, values in stage.log_factors.items()),
-        normaliser=float(np.exp(record.log_evidence)) if record.log_evidence is not None else float("nan"),
-        weight=float(stage.particles.weights[index]),
-        rank=int(np.sum(stage.particles.log_weights > stage.particles.log_weights[index])) + 1,
+        before=float(np.exp(log_before)),
+        factors=tuple((name, float(np.exp(value))) for name, value in log_factors.items()),
+        normaliser=float(np.exp(log_before + sum(log_factors.values()) - log_weights[index])),
+        weight=float(np.exp(log_weights[index])),
+        rank=int(np.sum(log_weights > log_weights[index])) + 1,
         count=len(stage.particles),
-        history=-1 if stage.histories is None else int(stage.histories[index]),
+        history=history,
         choices=choices,
     )
+
+
+def _joined(record: StepRecord, index: int) -> tuple[int, tuple[tuple[int, float], ...]]:
+    """The history that the weighed particle was joined to, -1 for none, and its most probable ones."""
+    joins = Seen(record).joins()
+    particles = np.flatnonzero(joins[2] == index) if joins else np.empty(0, np.int64)
+    if joins is None or not len(particles):
+        return -1, ()
+    found, probabilities = likeliest_histories(record, int(particles[0]), _MOST_HISTORIES)
+    choices = tuple((int(i), float(p)) for i, p in zip(found, probabilities, strict=True))
+    return int(joins[0][particles[0]]), choices
 
 
 def receipt_html(slip: Receipt | None, dark: bool) -> str:
@@ -82,7 +95,7 @@ def receipt_html(slip: Receipt | None, dark: bool) -> str:
     palette = DARK if dark else LIGHT
     rows = [("weight before", _number(slip.before))]
     rows += [
-        (("" if name == "proposal" else "× ") + _FACTORS.get(name, name), _factor(name, value))
+        (("" if name in _DIVISORS else "× ") + _FACTORS.get(name, name), _factor(name, value))
         for name, value in slip.factors
     ]
     rows += [("÷ sum over all particles", _number(slip.normaliser))]
@@ -105,8 +118,8 @@ def receipt_html(slip: Receipt | None, dark: bool) -> str:
 
 
 def _factor(name: str, value: float) -> str:
-    """The proposal divides, so it is shown as the density itself."""
-    return _number(1.0 / value) if name == "proposal" and value > 0 else _number(value)
+    """What divides is shown as the density itself."""
+    return _number(1.0 / value) if name in _DIVISORS and value > 0 else _number(value)
 
 
 def _number(value: float) -> str:

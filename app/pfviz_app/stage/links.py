@@ -8,6 +8,7 @@ import numpy as np
 
 from pfviz.particles import FloatArray, IntArray
 from pfviz.record import Association, StepRecord
+from pfviz_app.stage.seen import Seen, origins
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,18 +37,21 @@ def sample_evenly(total: int, count: int) -> IntArray:
 
 
 def made_links(record: StepRecord, count: int) -> Links:
-    """The joins that were made, of at most ``count`` innovations spread evenly.
+    """The joins that were made, at most ``count`` of them, spread evenly.
 
     The strength is p(u | x) relative to its peak: how well the history explains the innovation.
     """
-    association = record.association
-    histories = _histories(record)
-    targets = sample_evenly(len(histories), count)
-    targets = targets[histories[targets] >= 0]
-    if not count or not len(targets):
+    joins = Seen(record).joins()
+    if joins is None or not count:
         return _NONE
-    strengths = np.full(len(targets), 0.45) if association is None else _plausibility(association, targets)
-    return Links(histories[targets], targets, strengths)
+    sources, targets, _ = joins
+    shown = sample_evenly(len(sources), count)
+    shown = shown[sources[shown] >= 0]
+    if not len(shown):
+        return _NONE
+    association = record.association
+    strengths = np.full(len(shown), 0.45) if association is None else _plausibility(association, shown)
+    return Links(sources[shown], targets[shown], strengths)
 
 
 def possible_links(record: StepRecord, count: int) -> Links:
@@ -55,23 +59,17 @@ def possible_links(record: StepRecord, count: int) -> Links:
 
     The strength is w_l p(u_i | x_l), relative to the strongest one.
     """
-    association = record.association
-    if association is None or association.arbitrary or not count:
+    association, joins = record.association, Seen(record).joins()
+    if association is None or joins is None or association.arbitrary or not count:
         return _NONE
     rows = sample_evenly(len(association.innovations), max(count // 3, 8))
-    targets, sources, log_joint = association.strongest_pairs(count, rows)
-    return Links(sources, targets, np.exp(log_joint - log_joint.max()))
-
-
-def _histories(record: StepRecord) -> IntArray:
-    """For each proposed innovation the index of its history in ``record.previous``."""
-    stage = record.stage("associate") or record.stage("predict")
-    if stage is None or stage.histories is None:
-        return record.histories
-    return stage.histories
+    innovations, histories, log_joint = association.strongest_pairs(count, rows)
+    return Links(origins(record)[histories], joins[1][innovations], np.exp(log_joint - log_joint.max()))
 
 
 def _plausibility(association: Association, indices: IntArray) -> FloatArray:
-    deviations = association.innovations[indices] - association.means[association.chosen[indices]]
+    """``(n,)``: p(u | x) of the joins that were made, relative to its peak; 0 where there is no history."""
+    chosen = association.chosen[indices]
+    deviations = association.innovations[indices] - association.means[np.maximum(chosen, 0)]
     whitened = np.linalg.solve(np.linalg.cholesky(association.covariance), deviations.T)
-    return np.exp(-0.5 * np.sum(whitened * whitened, axis=0))
+    return np.where(chosen >= 0, np.exp(-0.5 * np.sum(whitened * whitened, axis=0)), 0.0)

@@ -1,4 +1,4 @@
-"""How much of an iteration is shown: all of it, or its first stages only."""
+"""How much of an iteration is shown, and how its particles hang together from stage to stage."""
 
 from __future__ import annotations
 
@@ -11,8 +11,28 @@ from pfviz.record import Stage, StageKind, StepRecord
 
 
 @dataclass(frozen=True, slots=True)
+class After:
+    """The new particles as they are drawn.
+
+    Attributes:
+        particles: the set.
+        histories: ``(N,)``, indices into ``record.previous``; -1 for none.
+        strengths: ``(N,)``, from 0 to 1.
+        weighed: ``(N,)``, which of the weighed particles each one is.
+    """
+
+    particles: ParticleSet
+    histories: IntArray
+    strengths: FloatArray
+    weighed: IntArray
+
+
+@dataclass(frozen=True, slots=True)
 class Seen:
     """A step as far as it has been walked through.
+
+    Filters differ in their order: most weigh particles that have been joined to a history, HS-SIR weighs innovations
+    first and joins those that it has drawn. Here is what the drawings need to know of that.
 
     Attributes:
         record: the step.
@@ -20,7 +40,7 @@ class Seen:
     """
 
     record: StepRecord
-    last: int | None
+    last: int | None = None
 
     @property
     def stages(self) -> tuple[Stage, ...]:
@@ -33,30 +53,110 @@ class Seen:
 
     def stage(self, *kinds: StageKind) -> Stage | None:
         """The last of the stages shown that is of one of these kinds."""
-        return next((stage for stage in reversed(self.stages) if stage.kind in kinds), None)
+        position = self._position(*kinds)
+        return None if position is None else self.stages[position]
+
+    def _position(self, *kinds: StageKind) -> int | None:
+        found = [i for i, stage in enumerate(self.stages) if stage.kind in kinds]
+        return found[-1] if found else None
 
     def before_strengths(self) -> FloatArray:
         """``(M,)`` from 0 to 1: of the particles before the step; after resampling, by how often each was chosen."""
-        previous = self.record.previous
-        stage = self.stages[-1]
-        if stage.kind == "resample" and stage.histories is not None and not self.whole:
-            counts = np.bincount(stage.histories, minlength=len(previous)).astype(float)
+        previous, stage = self.record.previous, self.stages[-1]
+        histories = stage.histories if stage.kind == "resample" and self._joined is None else None
+        if histories is not None and not self.whole:
+            counts = np.bincount(histories, minlength=len(previous)).astype(float)
             return counts / counts.max()
         return relative(previous.weights)
 
-    def after(self) -> tuple[ParticleSet, IntArray, FloatArray] | None:
-        """The new particles, their histories and their strengths from 0 to 1; None before there are any.
+    def proposed(self) -> tuple[ParticleSet, FloatArray] | None:
+        """What was proposed, by detector or dynamics, with strengths; None before anything was."""
+        stage = self.stage("propose") or self.stage("predict")
+        if stage is None:
+            return None
+        weight = self.stage("weight")
+        weighed_alone = weight is not None and weight.particles.order < self.record.previous.order
+        weighed_alone = weighed_alone or (weight is not None and weight.histories is None)
+        strengths = (
+            relative(weight.particles.weights) if weight and weighed_alone else np.full(len(stage.particles), 0.9)
+        )
+        return stage.particles, strengths
+
+    @property
+    def _joined(self) -> int | None:
+        """The position of the stage after which each particle has an innovation and a history."""
+        found = self._position("associate")
+        return self._position("predict") if found is None else found
+
+    def joins(self) -> tuple[IntArray, IntArray, IntArray] | None:
+        """The joins that were made: sources in ``record.previous``, targets among the proposed, and weighed particles.
+
+        None before any were.
+        """
+        joined = self._joined
+        if joined is None:
+            return None
+        stage = self.stages[joined]
+        n = len(stage.particles)
+        histories = np.full(n, -1) if stage.histories is None else stage.histories
+        targets = self._traced(joined, "propose") if stage.kind == "associate" else np.arange(n)
+        weighed_before = any(s.kind == "weight" and s.histories is None for s in self.stages[:joined])
+        weighed = self._traced(joined, "weight") if weighed_before else np.arange(n)
+        return histories, targets, weighed
+
+    def _traced(self, position: int, kind: StageKind) -> IntArray:
+        """``(N,)``: which particle of the last stage of ``kind`` each particle at ``position`` goes back to."""
+        indices = np.arange(len(self.stages[position].particles))
+        while self.stages[position].kind != kind and position > 0:
+            ancestors = self.stages[position].ancestors
+            if ancestors is None:
+                break
+            indices = ancestors[indices]
+            position -= 1
+        return indices
+
+    def after(self) -> After | None:
+        """The new particles; None before there are any.
 
         They are shown as they were weighed, before any resampling that follows; equally strong before the weighing.
         """
-        stage = self.stage("weight") or self.stage("complete", "predict")
-        if stage is None or stage.histories is None:
+        made = self._position("complete", "predict")
+        joins = self.joins()
+        if made is None or joins is None:
             return None
+        later = [stage for stage in self.stages[made:] if stage.kind in ("complete", "predict", "search", "weight")]
+        stage = later[-1]
         weighed = stage.kind == "weight"
         strengths = relative(stage.particles.weights) if weighed else np.full(len(stage.particles), 0.6)
-        return stage.particles, stage.histories, strengths
+        histories = np.full(len(stage.particles), -1) if stage.histories is None else stage.histories
+        return After(stage.particles, histories, strengths, joins[2])
 
 
 def relative(weights: FloatArray) -> FloatArray:
     """Weights as strengths: the largest is 1."""
     return weights / weights.max()
+
+
+def likeliest_histories(record: StepRecord, innovation: int, count: int) -> tuple[IntArray, FloatArray]:
+    """The histories in ``record.previous`` that could best have produced an associated innovation, with probabilities.
+
+    Copies that resampling made of one history count together. Empty where nothing was associated.
+    """
+    association = record.association
+    if association is None or innovation >= len(association.innovations):
+        return np.empty(0, np.int64), np.empty(0)
+    totals = np.zeros(len(record.previous))
+    np.add.at(totals, origins(record), association.row(innovation))
+    best = np.argsort(-totals, kind="stable")[:count]
+    return best, totals[best]
+
+
+def origins(record: StepRecord) -> IntArray:
+    """For each of the histories that could be chosen, its index in ``record.previous``."""
+    association = record.association
+    assert association is not None
+    if association.histories is record.previous:
+        return np.arange(len(record.previous))
+    resampled = next(stage for stage in record.stages if stage.particles is association.histories)
+    assert resampled.histories is not None
+    return resampled.histories

@@ -13,7 +13,7 @@ from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
-from pfviz_app.stage.seen import Seen, relative
+from pfviz_app.stage.seen import Seen, likeliest_histories, relative
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000
@@ -51,9 +51,8 @@ class Toy1d:
         assert isinstance(model, ToyModel)
         seen = Seen(record, picture.stage)
         self._before(record.previous, seen.before_strengths(), palette)
-        if seen.stage("propose", "predict"):
-            self._proposed(record, model, palette)
-        if seen.stage("associate", "predict"):
+        self._proposed(seen, model, palette)
+        if seen.joins():
             self._associations(record, picture.settings.arrows, palette)
         if seen.stage("weight"):
             self._likelihood(record, model, palette)
@@ -119,8 +118,7 @@ class Toy1d:
         self._board.weighted_points(name, self._at(values[some], row), strengths[some], colour, size, 4.0)
 
     def _associations(self, record: StepRecord, count: int, palette: Palette) -> None:
-        proposed = _proposed_values(record)
-        before = record.previous.states[:, 0, 0]
+        proposed, before = _proposed_values(record), record.previous.states[:, 0, 0]
         possible = possible_links(record, count)
         if len(possible.sources):
             lines = self._between(before[possible.sources], "newer", proposed[possible.targets], "proposed")
@@ -128,23 +126,25 @@ class Toy1d:
         made = made_links(record, min(count, _MOST_LINES))
         if len(made.sources):
             lines = self._between(before[made.sources], "newer", proposed[made.targets], "proposed")
-            self._board.weighted_segments(
-                "toy/made", lines, made.strengths, palette.proposal, 0.0, weakest=palette.faint
-            )
+            self._board.weighted_segments("toy/made", lines, made.strengths, palette.proposal, 0.0, palette.faint)
             if len(lines) <= 60:
                 self._board.segments("toy/heads", arrow_heads(lines), palette.proposal, 1.2, 0.5)
 
-    def _proposed(self, record: StepRecord, model: ToyModel, palette: Palette) -> None:
-        values = _proposed_values(record)
-        self._board.target("toy", self._at(values, "proposed"), np.arange(len(values)))
-        self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
-        if record.stage("propose") is None:
+    def _proposed(self, seen: Seen, model: ToyModel, palette: Palette) -> None:
+        proposed = seen.proposed()
+        if proposed is None:
+            return
+        values = proposed[0].innovation[:, 0]
+        self._dots("toy/proposed", values, proposed[1], "proposed", palette.proposal)
+        stage = seen.stage("propose")
+        if stage is None:
             self._line("proposed", "x ~ p(x|qₜ)", palette.proposal, palette)
             return
         self._line("proposed", "u ~ π(u|y)", palette.proposal, palette)
         self._line("proposal", "π(u|y)", palette.proposal, palette)
-        density = np.exp(model.proposal(record.observation).log_density(self._grid[:, None]))
-        self._curve("toy/proposal", density / density.max(), "proposal", palette.proposal)
+        density = stage.proposal or model.proposal(seen.record.observation)
+        heights = np.exp(density.log_density(self._grid[:, None]))
+        self._curve("toy/proposal", heights / heights.max(), "proposal", palette.proposal)
 
     def _likelihood(self, record: StepRecord, model: ToyModel, palette: Palette) -> None:
         self._line("likelihood", "p(y|u)", palette.likelihood, palette)
@@ -159,8 +159,8 @@ class Toy1d:
         after = seen.after()
         if after is None:
             return
-        particles, histories, strengths = after
-        older = seen.record.previous.states[np.maximum(histories, 0), 0, 0]
+        particles, strengths = after.particles, after.strengths
+        older = seen.record.previous.states[np.maximum(after.histories, 0), 0, 0]
         newer = particles.states[:, 0, 0]
         self._line("history", "history qₜ", palette.posterior, palette)
         self._line("state", "state qₜ₊₁", palette.posterior, palette)
@@ -168,26 +168,25 @@ class Toy1d:
         lines = self._between(older[some], "history", newer[some], "state")
         self._board.weighted_segments("toy/new", lines, strengths[some], palette.posterior, 0.0)
         for values, row in ((older, "history"), (newer, "state")):
-            self._board.target("toy", self._at(values, row), np.arange(len(values)))
+            self._board.target("toy", self._at(values, row), after.weighed)
         self._dots("toy/history", older, strengths, "history", palette.posterior)
         self._dots("toy/state", newer, strengths, "state", palette.posterior)
 
     def _chosen(self, seen: Seen, index: int, palette: Palette) -> None:
         """The particle that was clicked, through all rows, with the histories it could have had."""
-        record, after = seen.record, seen.after()
-        proposed, before = _proposed_values(record), record.previous.states[:, 0, 0]
-        if index >= len(proposed):
+        record, joins, after = seen.record, seen.joins(), seen.after()
+        joined = np.flatnonzero(joins[2] == index)[:1] if joins else np.empty(0, np.int64)
+        if joins is None or not len(joined):
             return
-        rings = [self._at(proposed[[index]], "proposed")]
-        association = record.association
-        if association is not None:
-            found, probabilities = association.strongest(index, 12)
-            lines = self._between(before[found], "newer", np.repeat(proposed[index], len(found)), "proposed")
+        before, proposed = record.previous.states[:, 0, 0], _proposed_values(record)[joins[1][joined]]
+        rings = [self._at(proposed, "proposed")]
+        found, probabilities = likeliest_histories(record, int(joined[0]), 12)
+        if len(found):
+            lines = self._between(before[found], "newer", np.repeat(proposed, len(found)), "proposed")
             self._board.weighted_segments("toy/chosen/row", lines, relative(probabilities), palette.chosen, 2.0)
         if after is not None:
-            particles, histories, _ = after
-            older = before[np.maximum(histories[[index]], 0)]
-            newer = particles.states[[index], 0, 0]
+            older = before[np.maximum(after.histories[joined], 0)]
+            newer = after.particles.states[joined, 0, 0]
             rings += [self._at(older, "newer"), self._at(older, "history"), self._at(newer, "state")]
             line = self._between(older, "history", newer, "state")
             self._board.segments("toy/chosen/line", line, palette.chosen, 3.0, 5.0)
@@ -234,5 +233,5 @@ def smoothed_density(particles: ParticleSet, grid: FloatArray) -> FloatArray:
 
 
 def _proposed_values(record: StepRecord) -> FloatArray:
-    stage = record.stage("propose") or record.stage("predict")
-    return (stage.particles if stage else record.posterior).states[:, 0, 0]
+    proposed = Seen(record).proposed()
+    return (proposed[0] if proposed else record.posterior).innovation[:, 0]

@@ -16,7 +16,7 @@ from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
-from pfviz_app.stage.seen import Seen, relative
+from pfviz_app.stage.seen import Seen, likeliest_histories, relative
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000
@@ -51,9 +51,8 @@ class Toy2d:
         assert isinstance(model, ToyModel)
         seen = Seen(record, picture.stage)
         self._before(record.previous, seen.before_strengths(), film.world.extent, palette)
-        if seen.stage("propose", "predict"):
-            self._proposed(record, model, film.world.extent, palette)
-        if seen.stage("associate", "predict"):
+        self._proposed(seen, model, film.world.extent, palette)
+        if seen.joins():
             self._associations(record, picture.settings.arrows, palette)
         self._after(seen, film.world.extent, palette)
         if picture.chosen and picture.chosen.room == "toy":
@@ -107,21 +106,22 @@ class Toy2d:
             if len(lines) <= 60:
                 self._board.segments("toy/heads", arrow_heads(lines[..., :2]), palette.proposal, 1.2, 0.5)
 
-    def _proposed(self, record: StepRecord, model: ToyModel, extent: float, palette: Palette) -> None:
-        values = _proposed(record)
-        self._board.target("toy", self._at(values, "proposed"), np.arange(len(values)))
-        self._dots("toy/proposed", values, np.full(len(values), 0.9), "proposed", palette.proposal)
-        if record.stage("propose") is None:
+    def _proposed(self, seen: Seen, model: ToyModel, extent: float, palette: Palette) -> None:
+        proposed = seen.proposed()
+        if proposed is None:
+            return
+        self._dots("toy/proposed", proposed[0].innovation, proposed[1], "proposed", palette.proposal)
+        if seen.stage("propose") is None:
             self._floor("proposed", "x ~ p(x|qₜ)", palette.proposal, extent, palette)
         else:
             self._floor("proposed", "innovations u, drawn from π(u|y)", palette.proposal, extent, palette)
-            proposal = model.proposal(record.observation)
-            bumps = [proposal.covariance * s**2 for s in (1.0, 2.0)]
-            rings = [ellipse(Gaussian(mean, c)) for mean in proposal.means for c in bumps]
+            detector = model.proposal(seen.record.observation)
+            bumps = [detector.covariance * s**2 for s in (1.0, 2.0)]
+            rings = [ellipse(Gaussian(mean, c)) for mean in detector.means for c in bumps]
             self._board.polyline("toy/proposal", self._at(np.array(rings), "proposed"), palette.proposal, 1.5)
-        seen = np.atleast_2d(record.observation)
-        crosses = self._at(np.concatenate([seen + 0.09 * _CIRCLE[[i]] for i in (5, 15, 25, 35)]), "proposed")
-        n = len(seen)
+        detections = np.atleast_2d(seen.record.observation)
+        crosses = self._at(np.concatenate([detections + 0.09 * _CIRCLE[[i]] for i in (5, 15, 25, 35)]), "proposed")
+        n = len(detections)
         lines = np.concatenate([np.stack([crosses[i * n :][:n], crosses[(i + 2) * n :][:n]], axis=1) for i in (0, 1)])
         self._board.segments("toy/observation", lines, palette.likelihood, 3.0, 6.0)
 
@@ -129,31 +129,29 @@ class Toy2d:
         after = seen.after()
         if after is None:
             return
-        particles, histories, strengths = after
         self._floor("after", "new states qₜ₊₁, strength = weight", palette.posterior, extent, palette)
-        older = seen.record.previous.innovation[np.maximum(histories, 0)]
-        self._tailed("toy/after", particles.innovation, older, strengths, "after", palette.posterior)
-        self._board.target("toy", self._at(particles.innovation, "after"), np.arange(len(particles)))
+        older, newer = seen.record.previous.innovation[np.maximum(after.histories, 0)], after.particles.innovation
+        self._tailed("toy/after", newer, older, after.strengths, "after", palette.posterior)
+        self._board.target("toy", self._at(newer, "after"), after.weighed)
         if seen.whole:
             self._cross("toy/estimate", seen.record.estimate, palette.posterior)
 
     def _chosen(self, seen: Seen, index: int, palette: Palette) -> None:
         """The particle that was clicked, on all floors, with the histories it could have had."""
-        record, after = seen.record, seen.after()
-        proposed = self._at(_proposed(record), "proposed")
-        before = self._at(record.previous.innovation, "before")
-        if index >= len(proposed):
+        record, joins, after = seen.record, seen.joins(), seen.after()
+        joined = np.flatnonzero(joins[2] == index)[:1] if joins else np.empty(0, np.int64)
+        if joins is None or not len(joined):
             return
-        rings = [proposed[[index]]]
-        association = record.association
-        if association is not None:
-            found, probabilities = association.strongest(index, 12)
-            lines = np.stack([before[found], np.repeat(proposed[[index]], len(found), axis=0)], axis=1)
+        proposed = self._at(_proposed(record)[joins[1][joined]], "proposed")
+        before = self._at(record.previous.innovation, "before")
+        rings = [proposed]
+        found, probabilities = likeliest_histories(record, int(joined[0]), 12)
+        if len(found):
+            lines = np.stack([before[found], np.repeat(proposed, len(found), axis=0)], axis=1)
             self._board.weighted_segments("toy/chosen/row", lines, relative(probabilities), palette.chosen, 2.0)
         if after is not None:
-            particles, histories, _ = after
-            rings.append(before[np.maximum(histories[[index]], 0)])
-            rings.append(self._at(particles.innovation[[index]], "after"))
+            rings.append(before[np.maximum(after.histories[joined], 0)])
+            rings.append(self._at(after.particles.innovation[joined], "after"))
         self._board.points("toy/chosen", np.concatenate(rings), palette.chosen, 15.0, 3.0)
 
     def _truth(self, value: FloatArray, palette: Palette) -> None:
@@ -171,5 +169,5 @@ def ellipse(gaussian: Gaussian) -> FloatArray:
 
 
 def _proposed(record: StepRecord) -> FloatArray:
-    stage = record.stage("propose") or record.stage("predict")
-    return (stage.particles if stage else record.posterior).innovation
+    proposed = Seen(record).proposed()
+    return (proposed[0] if proposed else record.posterior).innovation

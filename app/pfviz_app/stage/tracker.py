@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pfviz.particles import FloatArray, IntArray, ParticleSet
+from pfviz.particles import FloatArray
 from pfviz.record import StepRecord
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import Image
@@ -17,7 +17,7 @@ from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import sample_evenly
 from pfviz_app.stage.palette import LIGHT, Palette
-from pfviz_app.stage.seen import Seen
+from pfviz_app.stage.seen import After, Seen
 
 _CONTOURS = 14
 _MOST_POINTS = 1000
@@ -73,10 +73,10 @@ class TrackerStage:
         self._proposed(seen, whole)
         after = seen.after()
         if after is not None:
-            self._likely(after[0], after[2], model, close)
+            self._likely(after, model, close)
             self._centres(record, after, close, picture.settings.arrows)
             if picture.chosen and picture.chosen.room == "tracker":
-                self._chosen(after[0], picture.chosen.index, model, close)
+                self._chosen(after, picture.chosen.index, model, close)
         if not seen.whole:
             return
         for name, window in (("frame", whole), ("close", close)):
@@ -118,20 +118,20 @@ class TrackerStage:
 
     def _proposed(self, seen: Seen, whole: Window) -> None:
         """Where in the frame hypotheses were proposed: by the detector, or by the dynamics."""
-        stage = seen.stage("propose", "predict")
-        if stage is None:
+        proposed = seen.proposed()
+        if proposed is None:
             return
-        centres = stage.particles.innovation[:, :2]
+        centres = proposed[0].innovation[:, :2]
         centres = centres[whole.holds(centres)]
         centres = whole(centres[sample_evenly(len(centres), _MOST_POINTS)])
         self._board.points("tracker/frame/proposed/rim", centres, _DARK, 5.0, 1.0)
         self._board.points("tracker/frame/proposed", centres, _ON_IMAGE.proposal, 3.4, 1.5)
 
-    def _likely(self, particles: ParticleSet, strengths: FloatArray, model: TrackerModel, close: Window) -> None:
+    def _likely(self, after: After, model: TrackerModel, close: Window) -> None:
         """The contours of likely particles, dark on a bright rim."""
-        order = np.argsort(-strengths, kind="stable")[:_CONTOURS]
-        likely = order[strengths[order] > 0.05]
-        outlines = close(model.contour.outlines(particles.innovation[likely], per_segment=2))
+        order = np.argsort(-after.strengths, kind="stable")[:_CONTOURS]
+        likely = order[after.strengths[order] > 0.05]
+        outlines = close(model.contour.outlines(after.particles.innovation[likely], per_segment=2))
         outlines = outlines[self._inside(outlines, close)]
         if len(outlines):
             self._board.polyline("tracker/close/rims", outlines, (225, 225, 225), 2.6, 1.0, closed=True)
@@ -143,17 +143,15 @@ class TrackerStage:
         low, high = outlines.min(axis=1), outlines.max(axis=1)
         return (low[:, 0] >= r.x) & (low[:, 1] >= r.y) & (high[:, 0] <= r.right) & (high[:, 1] <= r.bottom)
 
-    def _centres(
-        self, record: StepRecord, after: tuple[ParticleSet, IntArray, FloatArray], close: Window, arrows: int
-    ) -> None:
+    def _centres(self, record: StepRecord, after: After, close: Window, arrows: int) -> None:
         """Where the particles are, with arrows from where their histories were."""
-        particles, histories, weights = after
+        particles, histories, weights = after.particles, after.histories, after.strengths
         centres = particles.innovation[:, :2]
         shown = np.flatnonzero(close.holds(centres))
         shown = shown[sample_evenly(len(shown), _MOST_POINTS)]
         if not len(shown):
             return
-        self._board.target("tracker", close(centres[shown]), shown)
+        self._board.target("tracker", close(centres[shown]), after.weighed[shown])
         size = float(np.clip(9.0 - 1.5 * np.log10(len(particles) / 100.0), 4.5, 9.0))
         green, blue = _ON_IMAGE.posterior, _ON_IMAGE.history
         self._board.weighted_points(
@@ -170,14 +168,14 @@ class TrackerStage:
         if len(lines) <= 40:
             self._board.segments("tracker/close/heads", arrow_heads(lines, 6.0), blue, 1.2, 4.0)
 
-    def _chosen(self, particles: ParticleSet, index: int, model: TrackerModel, close: Window) -> None:
+    def _chosen(self, after: After, index: int, model: TrackerModel, close: Window) -> None:
         """The outline of the particle that was clicked, and its centre."""
-        if index < len(particles):
-            state = particles.innovation[index]
-            self._board.polyline(
-                "tracker/chosen", close(model.contour.outlines(state)), _ON_IMAGE.chosen, 2.6, 10.0, True
-            )
-            self._board.points("tracker/chosen/centre", close(state[None, :2]), _ON_IMAGE.chosen, 12.0, 5.0)
+        drawn = np.flatnonzero(after.weighed == index)[:1]
+        if len(drawn):
+            states, colour = after.particles.innovation[drawn], _ON_IMAGE.chosen
+            outlines = close(model.contour.outlines(states))
+            self._board.polyline("tracker/chosen", outlines, colour, 2.6, 10.0, closed=True)
+            self._board.points("tracker/chosen/centre", close(states[:, :2]), colour, 12.0, 5.0)
 
     def _outline(self, name: str, window: Window, model: TrackerModel, state: FloatArray) -> None:
         """The expected contour: white with a dark rim."""
