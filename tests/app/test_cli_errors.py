@@ -7,10 +7,16 @@ import cv2
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pfviz_app import cli
+from pfviz_app import cli, server
 from stand_ins import DISC_BOX, SIZE, Outcome, listing, message_of, run_here, run_there, write_disc_video
 
 BOX = ",".join(f"{value:g}" for value in DISC_BOX)
+
+
+@pytest.fixture(autouse=True)
+def no_app(monkeypatch):
+    """An app that starts where it should not would run for ever."""
+    monkeypatch.setattr(server, "App", lambda *_: pytest.fail("the app started"))
 
 
 def missing(path):

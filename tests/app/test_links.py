@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
+from pfviz_app.stage.seen import Seen
 from scipy.stats import multivariate_normal
 
 from pfviz.filters import FILTERS, make_filter
@@ -20,17 +21,6 @@ def third_record(filter_name, world, n_particles=30):
     return model, list(run(make_filter(filter_name, n_particles), model, observations, seed=2))[-1]
 
 
-def histories_of(record):
-    """For each innovation the particle before the step whose history it continues, followed through the stages."""
-    histories = np.arange(len(record.previous))
-    for stage in record.stages:
-        if stage.kind == "resample":
-            histories = stage.ancestors
-        if stage.kind == "associate" and not stage.association.arbitrary:
-            histories = stage.association.chosen
-    return histories
-
-
 def proposed_of(record):
     stage = record.stage("propose") or record.stage("predict")
     return stage.particles.innovation
@@ -39,11 +29,26 @@ def proposed_of(record):
 @pytest.mark.parametrize("world", ["figure-1", "plane"])
 @pytest.mark.parametrize("filter_name", FILTERS)
 def test_every_join_that_was_made_is_an_arrow(filter_name, world):
+    """Each new particle is the innovation at the tip of its arrow on the history at the foot of it."""
     _, record = third_record(filter_name, world)
+    sources, targets, _ = Seen(record).joins()
     made = made_links(record, 1000)
-    np.testing.assert_array_equal(made.targets, np.arange(30))
-    np.testing.assert_array_equal(made.sources, histories_of(record))
+    np.testing.assert_array_equal(made.sources, sources[sources >= 0])
+    np.testing.assert_array_equal(made.targets, targets[sources >= 0])
     assert ((made.strengths >= 0) & (made.strengths <= 1)).all()
+    states = (record.stage("complete") or record.stage("predict")).particles.states
+    assert len(states) == len(sources) == 30
+    np.testing.assert_array_equal(states[:, 0], proposed_of(record)[targets])
+    kept = sources >= 0
+    np.testing.assert_array_equal(states[kept, 1:], record.previous.states[sources[kept], :-1])
+
+
+@pytest.mark.parametrize("filter_name", FILTERS)
+def test_a_new_particle_is_traced_to_the_one_that_was_weighed(filter_name):
+    _, record = third_record(filter_name, "figure-1")
+    after = Seen(record).after()
+    weighed = record.stage("weight").particles
+    np.testing.assert_array_equal(after.particles.innovation, weighed.innovation[after.weighed])
 
 
 @pytest.mark.parametrize("world", ["figure-1", "plane"])
@@ -98,9 +103,10 @@ def test_no_arrows_where_none_are_wanted(filter_name):
 def test_fewer_arrows_are_some_of_all(filter_name, count):
     _, record = third_record(filter_name, "figure-1")
     everything, some = made_links(record, 1000), made_links(record, count)
-    assert len(some.sources) == count
-    np.testing.assert_array_equal(some.sources, everything.sources[some.targets])
-    np.testing.assert_allclose(some.strengths, everything.strengths[some.targets], rtol=1e-9)
+    assert 0 < len(some.sources) <= count
+    arrows = dict(zip(zip(everything.sources, everything.targets, strict=True), everything.strengths, strict=True))
+    for source, target, strength in zip(some.sources, some.targets, some.strengths, strict=True):
+        assert strength == pytest.approx(arrows[source, target], rel=1e-9, abs=1e-12)
 
 
 @given(st.integers(0, 500), st.integers(1, 500))

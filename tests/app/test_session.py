@@ -251,6 +251,12 @@ def test_what_came_after_the_step_that_is_done_again_is_forgotten(visit):
     assert picture.toy.outcome(3).model.observed.covariance == pytest.approx(4 * 4.0)
 
 
+def test_what_is_set_to_what_it_is_already_changes_nothing(visit):
+    visit.do(Step(5), Seek(2))
+    picture = visit.do(Set("filter", FEW.filter), Set("system", 1.0), Set("world", FEW.world), Set("seed", FEW.seed))
+    assert (picture.t, picture.last) == (2, 5)
+
+
 def test_while_it_plays_what_is_set_holds_from_the_next_step_on(visit):
     visit.do(Step(6), Seek(1), Play())
     visit.do(Set("filter", "condensation"))

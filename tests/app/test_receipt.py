@@ -1,0 +1,62 @@
+"""A receipt must add up: its numbers multiply to the weight that is shown, for every filter."""
+
+import numpy as np
+import pytest
+from pfviz_app.receipt import receipt, receipt_html
+
+from pfviz.filters import FILTERS, make_filter
+from pfviz.running import run
+from pfviz.worlds import get_world
+
+
+@pytest.fixture(scope="module", params=FILTERS)
+def record(request):
+    world = get_world("figure-1")
+    observations = world.record(3, 4).observations
+    return list(run(make_filter(request.param, 25), world.model, observations, seed=1))[-1]
+
+
+def test_the_numbers_multiply_to_the_weight(record):
+    weights = record.stage("weight").particles.weights
+    for index in range(25):
+        slip = receipt(record, index)
+        product = slip.before * np.prod([value for _, value in slip.factors]) / slip.normaliser
+        assert product == pytest.approx(weights[index], rel=1e-9)
+        assert slip.weight == pytest.approx(weights[index], rel=1e-12)
+        assert slip.rank == 1 + sum(weights > weights[index])
+
+
+def test_all_share_one_normaliser(record):
+    normalisers = [receipt(record, index).normaliser for index in range(25)]
+    np.testing.assert_allclose(normalisers, normalisers[0], rtol=1e-9)
+
+
+def test_the_history_is_the_one_that_the_particle_continues(record):
+    stage = record.stage("complete") or record.stage("predict")
+    weighed = record.stage("weight").particles
+    for index in range(25):
+        slip = receipt(record, index)
+        if slip.history >= 0:
+            pairs = stage.particles.states[np.isclose(stage.particles.states[:, 0, 0], weighed.innovation[index, 0])]
+            continued = record.previous.states[slip.history, 0, 0]
+            moved = record.stage("search") is not None
+            assert moved or continued in pairs[:, 1, 0]
+
+
+def test_its_most_probable_histories_are_probabilities_in_order(record):
+    for index in range(25):
+        probabilities = [probability for _, probability in receipt(record, index).choices]
+        assert probabilities == sorted(probabilities, reverse=True)
+        assert sum(probabilities) <= 1 + 1e-9
+
+
+def test_there_is_none_for_a_particle_that_does_not_exist(record):
+    assert receipt(record, 25) is None
+    assert receipt(record, -1) is None
+
+
+def test_on_screen_it_shows_weight_and_factors(record):
+    slip = receipt(record, 3)
+    page = receipt_html(slip, dark=False)
+    assert f"{slip.weight:.5g}" in page and "Particle 3" in page
+    assert "Click a particle" in receipt_html(None, dark=True)
