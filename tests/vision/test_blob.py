@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
@@ -116,8 +118,9 @@ def test_it_is_positive_everywhere_in_the_frame(detector):
     assert np.isfinite(proposal.log_density(np.stack([x.ravel(), y.ravel()], axis=1))).all()
 
 
-def test_a_less_sure_detector_is_flatter(detector):
-    ratio = ratio_with((60.0, 60.0))
+@pytest.mark.parametrize("floor", [0.0, 0.1])
+def test_a_less_sure_detector_is_flatter(detector, floor):
+    ratio, detector = ratio_with((60.0, 60.0)), replace(detector, floor=floor)
     peaks = [detector.widened(factor).detect(ratio).probabilities.max() for factor in (0.7, 1.0, 1.5, 3.0)]
     assert (np.diff(peaks) < 0).all()
 

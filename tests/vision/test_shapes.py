@@ -82,6 +82,13 @@ def test_points_are_equally_spaced_along_the_outline(polygon, count):
     np.testing.assert_allclose(gaps, length[-1] / count, atol=0.004 * length[-1])
 
 
+def test_points_are_equally_spaced_where_the_control_points_are_not():
+    turn = np.linspace(0.0, 1.0, 24, endpoint=False) ** 2 * 2.0 * np.pi
+    contour = Contour(50.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1), count=40)
+    gaps = np.linalg.norm(np.roll(contour.points, -1, axis=0) - contour.points, axis=1)
+    np.testing.assert_allclose(gaps, gaps.mean(), rtol=0.03)
+
+
 @given(blobs())
 def test_the_direction_in_which_a_polygon_is_clicked_does_not_matter(polygon):
     one, other = contour_from_polygon(polygon)[0], contour_from_polygon(polygon[::-1])[0]

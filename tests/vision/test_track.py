@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from pfviz.filters import make_filter
+from pfviz.randomness import step_rng
 from pfviz.vision.drawing import VideoWriter, draw_track, likely_states
 from pfviz.vision.scenes import Scene
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track, write_csv
@@ -60,6 +61,14 @@ def test_equal_seeds_give_equal_rows_and_others_do_not(scene, model):
     one, same, other = (np.array([item.row[:-1] for item in run(scene, model, s)]) for s in (3, 3, 4))
     np.testing.assert_array_equal(one, same)
     assert (one[:, 1] != other[:, 1]).all()
+
+
+def test_any_step_can_be_replayed_alone(scene, model):
+    filter = make_filter("rb-ss-hs-sir", n_particles=100)
+    for t, item in enumerate(run(scene, model, seed=5), start=1):
+        again = filter.step(step_rng(5, t), model, item.record.previous, model.observe(item.image))
+        np.testing.assert_array_equal(again.posterior.states, item.record.posterior.states)
+        np.testing.assert_array_equal(again.posterior.log_weights, item.record.posterior.log_weights)
 
 
 def test_rows_are_written_as_frames_come(scene, model):
