@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from importlib.metadata import PackageNotFoundError, version
 from typing import Any
 
-from pfviz.exact import Gaussian, KalmanStep
+from pfviz.exact import Gaussian, GridDensity, GridStep, KalmanStep
 from pfviz.filters import make_filter
 from pfviz.running import run
 from pfviz.worlds import ToyModel, World, get_world
@@ -77,8 +77,8 @@ def _lines(world: World, options: argparse.Namespace, seed: int) -> Iterator[dic
         }
 
 
-def _exact_steps(model: ToyModel, observations: tuple[Any, ...]) -> Iterator[KalmanStep | None]:
-    state: Gaussian = model.prior
+def _exact_steps(model: ToyModel, observations: tuple[Any, ...]) -> Iterator[KalmanStep | GridStep | None]:
+    state: Gaussian | GridDensity = model.prior
     for observation in observations:
         step = model.exact_step(state, observation)
         if step is not None:

@@ -19,7 +19,7 @@ def list_worlds(as_json: bool) -> None:
             "look_for": world.look_for,
             "order": world.model.dynamics.order,
             "dimension": world.model.dynamics.dimension,
-            "exact": "kalman" if world.model.observation_covariance is not None else None,
+            "exact": world.model.exact,
             "particles": world.n_particles,
         }
         for world in WORLDS.values()

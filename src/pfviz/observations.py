@@ -53,6 +53,37 @@ class GaussianObservation:
 
 
 @dataclass(frozen=True)
+class SquaredObservation:
+    """``y = x1^2 + noise``, in one dimension: what is seen does not tell the sign.
+
+    Attributes:
+        covariance: ``(1, 1)``, of the noise.
+    """
+
+    covariance: FloatArray
+
+    def __post_init__(self) -> None:
+        covariance = readonly(self.covariance)
+        cholesky_factor(covariance, "observation covariance")
+        if covariance.shape != (1, 1):
+            raise ValueError(f"observation covariance must have shape (1, 1), got {covariance.shape}")
+        object.__setattr__(self, "covariance", covariance)
+
+    def sample(self, rng: np.random.Generator, innovation: FloatArray) -> FloatArray:
+        return innovation**2 + np.sqrt(self.covariance[0]) * rng.standard_normal(1)
+
+    def expected(self, innovation: FloatArray) -> FloatArray:
+        """``(N, 1)``: the square of ``innovation (N, 1)``."""
+        return innovation**2
+
+    def log_likelihood(self, innovation: FloatArray, observation: FloatArray) -> FloatArray:
+        return log_gaussian(innovation**2 - observation, np.sqrt(self.covariance))
+
+    def with_noise(self, factor: float) -> SquaredObservation:
+        return replace(self, covariance=self.covariance * factor**2)
+
+
+@dataclass(frozen=True)
 class LookAlikes:
     """The target among things that look like it: several detections, in no order, of which one is the target's.
 

@@ -6,16 +6,27 @@ A world is data: dynamics, an observation model, a detector and a prior. Write o
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Literal, Protocol
 
 import numpy as np
 
 from pfviz.dynamics import Autoregression
-from pfviz.exact import Gaussian, KalmanStep, kalman_step
-from pfviz.model import ObservationFunction
+from pfviz.exact import Gaussian, GridDensity, GridStep, KalmanStep, grid_prior, grid_step, grid_supports, kalman_step
+from pfviz.model import ObservationFunction, shift
 from pfviz.names import find
-from pfviz.observations import GaussianObservation, LookAlikes, ObservationModel
+from pfviz.observations import GaussianObservation, LookAlikes, ObservationModel, SquaredObservation
 from pfviz.particles import FloatArray, readonly
 from pfviz.proposals import GaussianMixture
+
+
+class DetectorModel(Protocol):
+    """What turns an observation into a proposal."""
+
+    def __call__(self, observation: FloatArray) -> GaussianMixture: ...
+
+    def with_width(self, factor: float) -> DetectorModel:
+        """The same with its bumps ``factor`` times as wide."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +56,24 @@ class Detector:
 
 
 @dataclass(frozen=True, slots=True)
+class RootDetector:
+    """Proposes both square roots of an observation in one dimension, and zero where it has none.
+
+    Attributes:
+        width: the standard deviation of each bump.
+    """
+
+    width: float
+
+    def __call__(self, observation: FloatArray) -> GaussianMixture:
+        root = np.sqrt(np.maximum(observation, 0.0))
+        return GaussianMixture(np.stack([-root, root]), np.eye(1) * self.width**2)
+
+    def with_width(self, factor: float) -> RootDetector:
+        return replace(self, width=self.width * factor)
+
+
+@dataclass(frozen=True, slots=True)
 class ToyModel:
     """A toy world as a filter sees it; satisfies the ``Model`` protocol.
 
@@ -57,7 +86,7 @@ class ToyModel:
 
     dynamics: Autoregression
     observed: ObservationModel
-    detector: Detector
+    detector: DetectorModel
     prior: Gaussian
 
     def log_likelihood(self, innovation: FloatArray, observation: FloatArray) -> FloatArray:
@@ -88,10 +117,27 @@ class ToyModel:
         """``(k, k)`` where the innovation is seen through Gaussian noise, so that Kalman is exact; else None."""
         return self.observed.covariance if isinstance(self.observed, GaussianObservation) else None
 
-    def exact_step(self, state: Gaussian, observation: FloatArray) -> KalmanStep | None:
-        """The exact posterior after one more observation, or None where there is no exact answer."""
+    @property
+    def exact(self) -> Literal["kalman", "grid"] | None:
+        """Which filter answers exactly, if one does: Kalman's, or a grid for one dimension and order 1 or 2."""
+        if self.observation_covariance is not None:
+            return "kalman"
+        return "grid" if grid_supports(self.dynamics) else None
+
+    def exact_step(self, state: Gaussian | GridDensity, observation: FloatArray) -> KalmanStep | GridStep | None:
+        """The exact posterior after one more observation, or None where there is no exact answer.
+
+        Args:
+            state: the prior, or the posterior of the step before.
+            observation: as the observation model gives it.
+        """
         covariance = self.observation_covariance
-        return None if covariance is None else kalman_step(self.dynamics, covariance, state, observation)
+        if covariance is not None and isinstance(state, Gaussian):
+            return kalman_step(self.dynamics, covariance, state, observation)
+        if not grid_supports(self.dynamics):
+            return None
+        density = grid_prior(self.dynamics, state) if isinstance(state, Gaussian) else state
+        return grid_step(self.dynamics, lambda x: self.log_likelihood(x, observation), density, observation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +157,24 @@ class Recording:
 
 
 @dataclass(frozen=True, slots=True)
+class Jumps:
+    """The target is now and then put somewhere else, velocity and all: nothing that the dynamics could foresee.
+
+    Attributes:
+        every: how many steps apart.
+        by: ``(k,)``, how far; towards the other side of the mean.
+    """
+
+    every: int
+    by: FloatArray
+
+    def displace(self, states: FloatArray, mean: FloatArray) -> FloatArray:
+        """``states (1, p, k)`` moved across the ``mean (k,)``."""
+        side = np.where(states[:, :1] > mean, -1.0, 1.0)
+        return states + side * self.by
+
+
+@dataclass(frozen=True, slots=True)
 class World:
     """A named, seeded toy world.
 
@@ -118,9 +182,11 @@ class World:
         name: as on the command line.
         title: as on the screen.
         look_for: one sentence on what it shows.
-        model: dynamics, observation, detector and prior; also what the data is drawn from.
+        model: dynamics, observation, detector and prior, as the filters believe them.
         extent: the half-width of the picture, in the units of the world.
         n_particles: how many particles show it best.
+        actual: what the data is drawn from, where it is not the model.
+        jumps: of the target, if it makes any.
     """
 
     name: str
@@ -129,19 +195,28 @@ class World:
     model: ToyModel
     extent: float
     n_particles: int
+    actual: ToyModel | None = None
+    jumps: Jumps | None = None
 
     def record(self, seed: int, steps: int) -> Recording:
-        """Draw the truth from the prior and the dynamics, and observe it, for ``steps`` steps."""
+        """Draw the truth from the prior and the dynamics, and observe it, for ``steps`` steps.
+
+        Raises:
+            ValueError: if there are none.
+        """
         if steps < 1:
             raise ValueError(f"steps must be at least 1, got {steps}")
         rng = np.random.default_rng([seed, _WORLD_STREAM])
-        states = self.model.sample_prior(rng, 1)
+        model = self.actual or self.model
+        states = model.sample_prior(rng, 1)
         truth, observations = [], []
-        for _ in range(steps):
-            innovation = self.model.dynamics.sample(rng, states)
-            states = np.concatenate([innovation[:, None], states[:, :-1]], axis=1)
+        for t in range(1, steps + 1):
+            if self.jumps is not None and t % self.jumps.every == 0:
+                states = self.jumps.displace(states, np.asarray(model.dynamics.mean))
+            innovation = model.dynamics.sample(rng, states)
+            states = shift(states, innovation)
             truth.append(innovation[0])
-            observations.append(readonly(self.model.observed.sample(rng, innovation[0])))
+            observations.append(readonly(model.observed.sample(rng, innovation[0])))
         return Recording(readonly(truth), tuple(observations))
 
 
@@ -207,7 +282,52 @@ def _plane() -> World:
     )
 
 
-WORLDS: dict[str, World] = {w.name: w for w in (_figure_1(), _linear_gaussian(), _plane())}
+def _recovery() -> World:
+    dynamics = Autoregression.scalar([1.8, -0.81], noise=0.06)
+    detector = Detector(0.35, np.zeros((1, 1)), np.ones(1))
+    return World(
+        "recovery",
+        "Recovery: the target jumps",
+        "Every 25 steps the target is somewhere else: who finds it again, and how soon?",
+        ToyModel(dynamics, GaussianObservation(np.array([[0.09]])), detector, _stationary(dynamics)),
+        extent=4.0,
+        n_particles=100,
+        jumps=Jumps(25, np.array([3.0])),
+    )
+
+
+def _wrong_noise() -> World:
+    believed = Autoregression.scalar([1.5, -0.56], noise=0.1)
+    actual = believed.with_noise(3.0)
+    detector = Detector(0.4, np.zeros((1, 1)), np.ones(1))
+    observed = GaussianObservation(np.array([[0.04]]))
+    return World(
+        "wrong-noise",
+        "Wrong noise: the model believes too little",
+        "The target moves three times as wildly as the filters believe: who still follows it?",
+        ToyModel(believed, observed, detector, _stationary(actual)),
+        extent=5.0,
+        n_particles=100,
+        actual=ToyModel(actual, observed, detector, _stationary(actual)),
+    )
+
+
+def _two_modes() -> World:
+    dynamics = Autoregression.scalar([0.97], noise=0.25)
+    return World(
+        "two-modes",
+        "Two modes: the sign cannot be seen",
+        "The square of the state is seen, so that the exact posterior has two equal modes: how long do both live on?",
+        ToyModel(dynamics, SquaredObservation(np.array([[0.25]])), RootDetector(0.3), _stationary(dynamics)),
+        extent=3.6,
+        n_particles=50,
+    )
+
+
+WORLDS: dict[str, World] = {
+    world.name: world
+    for world in (_figure_1(), _linear_gaussian(), _plane(), _recovery(), _wrong_noise(), _two_modes())
+}
 
 
 def get_world(name: str) -> World:

@@ -37,9 +37,11 @@ class LsHsSir:
     1995). The shares b_j are in proportion to ``p(y | c_j) sum_l w_l p(c_j | x_l)``, so that a look-alike, which no
     history explains, draws few.
 
-    It adds up what the texts hope for: recovery from the detector, accuracy from the search, variance from history
-    sampling. It pays where the likelihood is much narrower than the proposal, and on all components of the innovation,
-    those that the detector does not cover too. Where pi is good already it costs scouts for nothing.
+    It pays where the likelihood is much narrower than what is proposed, and on all components of the innovation, those
+    that the detector does not cover too; where pi is good already, the scouts are spent for nothing. One thing it gives
+    up: RB-HS-SIR with a good detector is on a target that jumped at once, because it has no particle elsewhere. This
+    filter has some where the model says that the target is, and right weights prefer them: like the exact posterior, it
+    is slow to believe what the model excludes.
 
     Assumes A, B, D and E of the sources, and a Gaussian transition. Cost: N + S (1 + 2 k rounds) likelihoods for S
     scouts in k dimensions, and N (2 N + S) densities of the dynamics and of q.
@@ -54,10 +56,10 @@ class LsHsSir:
     """
 
     n_particles: int = 400
-    scouts: float = 0.2
+    scouts: float = 0.25
     radius: float = 2.0
     rounds: int = 3
-    bandwidth: float = 0.7
+    bandwidth: float = 0.5
     defence: float = 0.2
 
     def __post_init__(self) -> None:

@@ -189,8 +189,8 @@ _ALL = (
         "scouts climb the likelihood, innovations are drawn where they end, histories are sampled",
         "Torma & Szepesvari, future work",
         True,
-        "N + N (1 + 6 k) / 5",
-        "2.2 N^2",
+        "N + N (1 + 6 k) / 4",
+        "9/4 N^2",
         "A, B, D, E; Gaussian noise",
     ),
 )
