@@ -26,6 +26,16 @@ _PATIENCE = 2.0
 _LAST_STAGE, _NEXT_STAGE = "‹ before", "after ›"
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 
+_KEEP_ARROW_KEYS = """<img src="data:," alt="" hidden onerror="
+  const keep = mine => event => { if (event.key.startsWith('Arrow') && mine(event.target)) event.stopPropagation(); };
+  document.body.addEventListener('keydown', keep(target => target.closest('.mantine-Slider-root')));
+  document.documentElement.addEventListener('keydown', keep(target => true));
+">"""
+"""Arrow keys move a slider that has the focus and are shortcuts otherwise: viser would turn the camera, too.
+
+viser's shortcuts listen on the document's root element, its camera on the document.
+"""
+
 
 class Controls:
     """One visitor's docks: what to look for and the plots, and the controls.
@@ -213,6 +223,7 @@ class Controls:
         for label, key, command in keys:
             handle = self._client.gui.add_command(label, hotkey=key)
             handle.on_trigger(self._posting(lambda command=command: command))
+        self._client.gui.add_html(_KEEP_ARROW_KEYS)
 
 
 def _receipt(picture: Picture) -> Receipt | None:
