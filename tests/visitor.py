@@ -119,7 +119,7 @@ class Visitor:
         left, top, _, _ = self.canvas()
         inside = self.page.evaluate(
             "places => places.map(([x, y]) => document.elementFromPoint(x, y)?.tagName === 'CANVAS')",
-            (places + [left, top]).tolist(),
+            (places + np.array([left, top])).tolist(),
         )
         return [tuple(place) for place, free in zip(places.round(1).tolist(), inside, strict=True) if not free]
 
@@ -213,7 +213,7 @@ class Visitor:
         mouse.move(thumb["x"] + thumb["width"] / 2, thumb["y"] + thumb["height"] / 2)
         mouse.down()
         for share in shares:
-            mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2, steps=4)
+            mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2, steps=3)
         mouse.up()
 
     def number_of(self, label: str) -> Locator:

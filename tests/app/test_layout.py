@@ -54,7 +54,7 @@ def test_on_a_phone_there_is_one_room_above_the_sheet(width, height, pane):
     rooms = arrange(width, height, pane, phone=True)
     assert set(rooms) == {"tracker" if pane == "tracker" else "toy"}
     (rect,) = rooms.values()
-    assert rect.bottom <= max(height - 385, height / 2)
+    assert rect.bottom <= max(height - 434, 0.45 * height)
 
 
 @given(SIZES, SIZES, st.floats(0.1, 10))

@@ -143,10 +143,10 @@ def test_sliders_dragged_wildly_while_it_plays(visitor):
     visitor.type("Particles, video", 60)
     visitor.click("▶ Play")
     for control in [c for c in SLIDERS if c.group == "Tune" and c.field not in ("toy_particles", "tracker_particles")]:
-        visitor.drag(control.label, *(rng.random() for _ in range(8)))
+        visitor.drag(control.label, *(rng.random() for _ in range(4)))
     for label, most in (("Particles, toy", 0.2), ("Particles, video", 0.05)):
-        visitor.drag(label, *(most * rng.random() for _ in range(8)))
-    visitor.drag("Time", *(rng.random() for _ in range(8)))
+        visitor.drag(label, *(most * rng.random() for _ in range(4)))
+    visitor.drag("Time", *(rng.random() for _ in range(4)))
     visitor.click("↺ Reset")
     visitor.until(lambda: visitor.time == 0 or visitor.page.get_by_text("Playing").count())
     visitor.press("Escape")

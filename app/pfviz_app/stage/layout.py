@@ -8,7 +8,7 @@ from pfviz_app.settings import Pane
 
 PHONE = 600
 """A window narrower than this many pixels gets viser's sheet of controls at the bottom."""
-_SHEET = 385
+_SHEET = 434
 _MARGIN = 18
 _GAP = 26
 
@@ -50,7 +50,7 @@ def arrange(width: float, height: float, pane: Pane, phone: bool = False) -> dic
 
     On a phone there is one room at a time, above the sheet of controls.
     """
-    sheet = min(_SHEET, 0.5 * height) if phone else 0.0
+    sheet = min(_SHEET, 0.55 * height) if phone else 0.0
     free = Rect(0, 0, width, height - sheet).inset(*[_MARGIN] * 4)
     if phone and pane == "both":
         pane = "toy"
