@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from pfviz.exact import KalmanStep
+from pfviz.exact import Gaussian, GridDensity, GridMarginal
 from pfviz.model import Model
 from pfviz.particles import FloatArray
 from pfviz.record import StepRecord
@@ -17,6 +17,7 @@ from pfviz.vision.video import EndOfVideo, Image, VideoSource
 from pfviz.worlds import Recording, World
 
 TOY_STEPS = 2000
+_KEPT_STATES = 32
 
 
 class Film(Protocol):
@@ -50,7 +51,8 @@ class ToyFilm:
     def __init__(self, world: World, seed: int) -> None:
         self.world = world
         self.recording: Recording = world.record(seed, TOY_STEPS)
-        self._exact: dict[int, KalmanStep] = {}
+        self._marginals: dict[int, Gaussian | GridMarginal] = {}
+        self._states: dict[int, Gaussian | GridDensity] = {}
 
     @property
     def length(self) -> int:
@@ -62,16 +64,30 @@ class ToyFilm:
     def observe(self, t: int, model: Any) -> FloatArray:
         if t > self.length:
             raise EndOfVideo(f"the recording ends at {self.length}")
-        observation = self.recording.observations[t - 1]
-        before = self._exact.get(t - 1)
-        exact = model.exact_step(before.posterior if before else self.world.model.prior, observation)
-        if exact is not None:
-            self._exact[t] = exact
-        return observation
+        self._exact_step(t, model)
+        return self.recording.observations[t - 1]
 
-    def exact(self, t: int) -> KalmanStep | None:
-        """The exact posterior at time ``t``, by the model that was believed in when it was observed."""
-        return self._exact.get(t)
+    def exact(self, t: int) -> Gaussian | GridMarginal | None:
+        """The exact posterior of the innovation at time ``t``, by the model that was believed in when it was run."""
+        return self._marginals.get(t)
+
+    def _exact_step(self, t: int, model: Any) -> None:
+        """Follow the exact posterior to time ``t``, from the latest state before it that is still kept."""
+        start = max((known for known in self._states if known < t), default=0)
+        state = self._states.get(start, self.world.model.prior)
+        for now in range(start + 1, t + 1):
+            step = model.exact_step(state, self.recording.observations[now - 1])
+            if step is None:
+                self._marginals.pop(t, None)
+                return
+            state = self._states[now] = step.posterior
+        self._marginals[t] = state.leading(1) if isinstance(state, GridDensity) else state.leading(self._dimension)
+        for old in sorted(self._states)[:-_KEPT_STATES]:
+            del self._states[old]
+
+    @property
+    def _dimension(self) -> int:
+        return self.world.model.dynamics.dimension
 
     def truth(self, t: int) -> FloatArray:
         """``(k,)``: the true innovation."""

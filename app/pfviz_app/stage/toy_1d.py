@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from pfviz.exact import KalmanStep
+from pfviz.exact import Gaussian, GridMarginal, total_variation, total_variation_of_draws
 from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.worlds import ToyModel
@@ -25,7 +25,7 @@ _ROWS = {
     "likelihood": 0.60,
     "history": 0.68,
     "state": 0.80,
-    "posterior": 0.97,
+    "posterior": 0.955,
 }
 _CURVE = 0.075
 
@@ -192,16 +192,21 @@ class Toy1d:
             self._board.segments("toy/chosen/line", line, palette.chosen, 3.0, 5.0)
         self._board.points("toy/chosen", np.concatenate(rings), palette.chosen, 17.0, 3.0)
 
-    def _posterior(self, particles: ParticleSet, exact: KalmanStep | None, palette: Palette) -> None:
+    def _posterior(self, particles: ParticleSet, exact: Gaussian | GridMarginal | None, palette: Palette) -> None:
         self._line("posterior", "posterior", palette.posterior, palette)
         smoothed = smoothed_density(particles, self._grid)
         curves = [("toy/posterior", smoothed, palette.posterior)]
         if exact is not None:
-            density = np.exp(exact.posterior.leading(1).log_density(self._grid[:, None]))
+            density = np.exp(exact.log_density(self._grid[:, None]))
             curves.append(("toy/exact", density, palette.exact))
         peak = max(float(curve.max()) for _, curve, _ in curves)
         for name, curve, colour in curves:
             self._curve(name, curve / max(peak, 1e-300), "posterior", colour, 0.13)
+        if exact is not None:
+            distance, of_draws = total_variation(particles, exact), total_variation_of_draws(len(particles))
+            text = f"distance to exact {distance:.2f}, of {len(particles)} exact draws {of_draws:.2f}"
+            x, y = self._plot.x + self._plot.width / 2, self._y("posterior") + 15
+            self._board.text("toy/distance", text, x, y, palette.ink, "centre", 11.0)
         self._tick("toy/estimate", float(particles.mean[0]), "posterior", palette.posterior, 9)
 
     def _truth(self, value: float, palette: Palette) -> None:

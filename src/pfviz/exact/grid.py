@@ -59,6 +59,12 @@ class GridMarginal:
         """``(1, 1)``."""
         return np.array([[self.probabilities @ (self.points - self.mean) ** 2]])
 
+    def leading(self, dimension: int = 1) -> GridMarginal:
+        """Itself: it is the marginal of the innovation."""
+        if dimension != 1:
+            raise ValueError(f"a grid has one dimension, got {dimension}")
+        return self
+
     def log_density(self, points: FloatArray) -> FloatArray:
         """``(N,)``: the log-density at ``points (N, 1)``: the smooth function through the lattice (Whittaker 1915).
 
