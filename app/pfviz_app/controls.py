@@ -10,6 +10,7 @@ from typing import Any
 
 import viser
 
+from pfviz.worlds import WORLDS
 from pfviz_app.algorithms import algorithm
 from pfviz_app.commands import Command, Open, Play, Reset, Seek, Set, Step, Walk
 from pfviz_app.explanations import explanation, legend
@@ -106,7 +107,8 @@ class Controls:
         s = picture.settings
         if (s.filter, s.world, s.dark) != self._explained:
             self._explained = (s.filter, s.world, s.dark)
-            self._text.content = explanation(s.filter, s.world)
+            self._text.content = explanation(s.filter)
+            self._world.content = f"**{WORLDS[s.world].title}.** {WORLDS[s.world].look_for}"
             self._legend.content = legend(s.dark)
         slip = receipt_html(_receipt(picture), s.dark)
         if self._receipt.content != slip:
@@ -128,6 +130,7 @@ class Controls:
         with text.add_tab("What to look for"):
             self._text = gui.add_markdown("")
             self._algorithm = gui.add_html("")
+            self._world = gui.add_markdown("")
         with text.add_tab("Receipt"):
             self._receipt = gui.add_html("")
         with text.add_tab("Colours"):

@@ -67,8 +67,8 @@ _PREDICT = {
 }
 
 
-def explanation(filter_name: str, world: str) -> str:
-    """Markdown on what to look for with this filter in this world."""
+def explanation(filter_name: str) -> str:
+    """Markdown on what to look for with this filter."""
     info = FILTERS[filter_name]
     look = _LOOK_FOR.get(filter_name, info.summary.capitalize() + ".")
     predict = f"**Predict:** {_PREDICT[filter_name]}" if filter_name in _PREDICT else ""

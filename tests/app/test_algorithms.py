@@ -30,5 +30,5 @@ def test_exactly_the_line_of_the_stage_is_marked(name):
 
 @pytest.mark.parametrize("name", FILTERS)
 def test_every_filter_is_explained(name):
-    text = explanation(name, "figure-1")
+    text = explanation(name)
     assert FILTERS[name].title in text and "Predict" in text and len(text) > 120
