@@ -1,4 +1,4 @@
-"""How fast the app draws: steps a second for each visitor, and from a slider to the new picture, with both rooms playing.
+"""How fast the app draws: steps a second for each visitor, and from a slider to the new picture; both rooms play.
 
 Visitors are plain websocket connections in a process of their own; no browser takes part.
 """
@@ -17,12 +17,12 @@ import msgspec
 import numpy as np
 import websockets
 from _timing import machine
-
-from pfviz import kernels
 from pfviz_app.commands import Play, Set
 from pfviz_app.server import App, Visitor, prepare_video
 from pfviz_app.session import Picture
 from pfviz_app.settings import Settings
+
+from pfviz import kernels
 
 _CAMERA = {
     "type": "ViewerCameraMessage",

@@ -36,7 +36,7 @@ def draw_track(
         likely: how many of the particles to draw, the heaviest first.
     """
     fineness = max(1, round(_FINE_HEIGHT / image.shape[0]))
-    canvas = cv2.resize(image, None, fx=fineness, fy=fineness, interpolation=cv2.INTER_NEAREST)
+    canvas: Image = image.repeat(fineness, axis=0).repeat(fineness, axis=1)
     line = max(1.0, fineness * image.shape[0] / 360.0)
     states = likely_states(record, likely)
     likely_outlines = fineness * model.contour.outlines(states)
