@@ -123,8 +123,9 @@ def dense_joint(model: LinearGaussian, observations: Array) -> Iterator[Answer]:
 
 
 def random_covariance(rng: np.random.Generator, size: int, scale: float = 1.0) -> Array:
-    factor = rng.standard_normal((size, size)) + 1.5 * np.eye(size)
-    return scale * factor @ factor.T / size
+    """Correlated, but not so much that a particle filter has no chance."""
+    factor = np.eye(size) + 0.5 * rng.standard_normal((size, size)) / np.sqrt(size)
+    return scale * factor @ factor.T
 
 
 def random_dynamics(rng: np.random.Generator, order: int, dimension: int) -> Autoregression:

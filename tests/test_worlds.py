@@ -3,11 +3,14 @@
 import numpy as np
 import pytest
 
+from pfviz.dynamics import Autoregression
+from pfviz.exact import Gaussian, GridStep, KalmanStep
 from pfviz.filters import FILTERS, make_filter
 from pfviz.model import Model
 from pfviz.names import UnknownName
+from pfviz.observations import SquaredObservation
 from pfviz.running import run
-from pfviz.worlds import WORLDS, Detector, World, get_world
+from pfviz.worlds import WORLDS, Detector, Jumps, RootDetector, ToyModel, World, get_world
 
 every_world = pytest.mark.parametrize("world", WORLDS.values(), ids=list(WORLDS))
 
@@ -86,6 +89,108 @@ def test_basic_sir_wastes_its_particles_where_history_sampling_does_not():
         share[name] = np.mean(sizes)
     assert share["basic-sir"] < 0.25
     assert share["rb-hs-sir"] > 2 * share["basic-sir"]
+
+
+def records_of(world: World, name: str, seeds: int, steps: int):
+    """Every record of a filter in a world, with the truth."""
+    for seed in range(seeds):
+        recording = world.record(seed, steps)
+        records = run(make_filter(name, world.n_particles), world.model, recording.observations, seed)
+        yield list(zip(records, recording.truth, strict=True))
+
+
+def rms_error(world: World, name: str, seeds: int, steps: int) -> float:
+    squares = [
+        float(np.sum((record.estimate - truth) ** 2))
+        for film in records_of(world, name, seeds, steps)
+        for record, truth in film
+    ]
+    return float(np.sqrt(np.mean(squares)))
+
+
+def test_recovery_the_detector_finds_the_target_again():
+    """Steps from the jump until the estimate is within two deviations of the observation noise."""
+    world = get_world("recovery")
+    steps = {}
+    for name in ("condensation", "rb-hs-sir"):
+        lost = []
+        for film in records_of(world, name, seeds=6, steps=45):
+            errors = np.array([abs((record.estimate - truth).item()) for record, truth in film])[24:]
+            lost.append(int(np.argmax(errors < 0.6)) if (errors < 0.6).any() else len(errors))
+        steps[name] = np.mean(lost)
+    assert steps["rb-hs-sir"] < 2.5 and steps["condensation"] > 2 * steps["rb-hs-sir"] + 1
+
+
+def test_wrong_noise_hurts_condensation_and_not_history_sampling():
+    world = get_world("wrong-noise")
+    assert world.actual is not None
+    condensation, history = (rms_error(world, name, 8, 50) for name in ("condensation", "rb-hs-sir"))
+    assert condensation > 1.15 * history
+    exact = []
+    for seed in range(8):
+        recording, state = world.record(seed, 50), world.model.prior
+        for truth, observation in zip(recording.truth, recording.observations, strict=True):
+            step = world.model.exact_step(state, observation)
+            assert isinstance(step, KalmanStep)
+            state = step.posterior
+            exact.append(float((state.mean[0] - truth[0]) ** 2))
+    assert history < 1.1 * np.sqrt(np.mean(exact))
+
+
+def test_two_modes_die_sooner_in_condensation():
+    """The share of steps in which both signs have more than a twentieth of the weight; exactly, each has a half."""
+    world = get_world("two-modes")
+    alive = {}
+    for name in ("condensation", "rb-hs-sir"):
+        positive = np.array(
+            [
+                record.posterior.weights[record.posterior.innovation[:, 0] > 0].sum()
+                for film in records_of(world, name, seeds=15, steps=40)
+                for record, _ in film
+            ]
+        )
+        alive[name] = np.mean(np.minimum(positive, 1 - positive) > 0.05)
+    assert alive["rb-hs-sir"] > alive["condensation"] + 0.05
+
+
+def test_two_modes_are_equal_in_the_exact_posterior():
+    world = get_world("two-modes")
+    state = world.model.prior
+    for observation in world.record(0, 10).observations:
+        step = world.model.exact_step(state, observation)
+        assert isinstance(step, GridStep) and step.error < 1e-5
+        state = step.posterior
+        assert abs(state.mean.item()) < 1e-8
+
+
+def test_jumps_go_to_the_other_side_velocity_and_all():
+    jumps = Jumps(25, np.array([3.0]))
+    moved = jumps.displace(np.array([[[1.0], [0.5]]]), np.zeros(1))
+    assert moved.tolist() == [[[-2.0], [-2.5]]]
+    truth = get_world("recovery").record(0, 60).truth[:, 0]
+    steps = np.abs(np.diff(truth))
+    assert set(np.flatnonzero(steps > 1.5) + 2) == {25, 50}
+
+
+def test_a_world_of_ones_own_in_a_few_lines():
+    dynamics = Autoregression.scalar([0.9], noise=0.2)
+    model = ToyModel(
+        dynamics,
+        SquaredObservation(np.array([[0.1]])),
+        RootDetector(0.2),
+        Gaussian(np.ones(1), np.eye(1)),
+    )
+    world = World("mine", "Mine", "Something to look for.", model, extent=3.0, n_particles=30)
+    observations = world.record(0, 3).observations
+    assert [record.condition for record in run(make_filter("rb-hs-sir", 30), model, observations)] == [None] * 3
+
+
+@every_world
+def test_which_exact_answer_there_is(world: World):
+    expected = {"plane": None, "two-modes": "grid"}.get(world.name, "kalman")
+    assert world.model.exact == expected
+    step = world.model.exact_step(world.model.prior, world.record(0, 1).observations[0])
+    assert {None: type(None), "kalman": KalmanStep, "grid": GridStep}[expected] is type(step)
 
 
 def test_zero_steps_are_refused():

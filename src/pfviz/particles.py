@@ -117,7 +117,7 @@ class ParticleSet:
 
     def take(self, indices: IntArray) -> ParticleSet:
         """Equally weighted copies of the particles at ``indices``, as after resampling."""
-        return ParticleSet.uniform(self.states[indices])
+        return ParticleSet.uniform(np.take(self.states, indices, axis=0))
 
     def reweighted(self, log_weights: FloatArray) -> ParticleSet:
         """The same particles under other normalised log-weights."""

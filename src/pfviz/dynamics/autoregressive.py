@@ -36,9 +36,9 @@ def is_symmetric(matrix: FloatArray) -> bool:
 
 def log_gaussian(deviations: FloatArray, factor: FloatArray) -> FloatArray:
     """``(N,)``: log N(deviation; 0, L L^T) for ``deviations (N, d)`` and the Cholesky factor ``L (d, d)``."""
-    whitened = np.linalg.solve(factor, deviations.T)
+    whitened = np.linalg.inv(factor) @ deviations.T
     constant = 0.5 * len(factor) * np.log(2.0 * np.pi) + np.log(np.diag(factor)).sum()
-    return -0.5 * np.sum(whitened * whitened, axis=0) - constant
+    return -0.5 * np.einsum("dn,dn->n", whitened, whitened) - constant
 
 
 @dataclass(frozen=True)

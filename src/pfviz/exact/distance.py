@@ -24,8 +24,8 @@ def total_variation(particles: ParticleSet, exact: ExactPosterior, cells: int = 
 
     Particles are points and the posterior is a density, so that, taken literally, the distance is always 1. Here space
     is cut into cells that have the same exact probability, and the distance is half the sum of the absolute differences
-    between the weight in a cell and that probability: 0 if all cells have their share, nearly 1 if one has it all. In R^k
-    the posterior is made a standard Gaussian first, and cut along each axis into about the k-th root of ``cells``.
+    between the weight in a cell and that probability: 0 if all cells have their share, nearly 1 if one has it all. In
+    R^k the posterior is made a standard Gaussian first, and cut along each axis into about the k-th root of ``cells``.
 
     N exact draws do not reach 0 either, but ``total_variation_of_draws(N)`` on the average: draw that as a line.
 

@@ -16,6 +16,8 @@ from pfviz.particles import FloatArray, ParticleSet
 from pfviz.randomness import Streams
 from pfviz.record import StepRecord
 
+_SMALLEST = -500.0  # logarithm of a share that is never drawn
+
 
 @dataclass(frozen=True, slots=True)
 class LsHsSir:
@@ -92,8 +94,8 @@ class LsHsSir:
         dynamics = model.dynamics
         everything = tuple(range(dynamics.dimension))
         log_shares = log_likelihood + steps.log_mixture(dynamics, particles, places, everything)
-        if np.isneginf(log_shares.max()):
-            log_shares = np.zeros(len(places))
+        peak = log_shares.max()
+        log_shares = np.maximum(log_shares - peak, _SMALLEST) if peak > -np.inf else np.zeros(len(places))
         return FoundPlaces(
             places,
             log_shares - np.logaddexp.reduce(log_shares),

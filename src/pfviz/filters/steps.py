@@ -189,13 +189,15 @@ def weigh(before: Stage, log_factors: Mapping[str, FloatArray]) -> Weighed:
         check_log_factor(name, values, len(particles))
     everyone = np.arange(len(particles))
     total = sum(log_factors.values(), start=particles.log_weights)
-    if np.isneginf(total.max()):
+    peak = float(total.max())
+    if np.isneginf(peak):
         stage = Stage("weight", particles, everyone, before.histories, log_factors)
         return Weighed(stage, -np.inf, "degenerate")
-    normalised = kernels.normalise_log_weights(total)
+    # Relative to the largest, so that no digits are lost where all are far below zero.
+    normalised = kernels.normalise_log_weights(total - peak)
     weighted = particles.reweighted(normalised.log_weights)
     stage = Stage("weight", weighted, everyone, before.histories, log_factors)
-    return Weighed(stage, normalised.log_sum)
+    return Weighed(stage, peak + normalised.log_sum)
 
 
 def extend(record: StepRecord, stage: Stage) -> StepRecord:

@@ -16,6 +16,7 @@ from pfviz.randomness import Streams
 from pfviz.record import Stage, StepRecord
 
 _WIDTH_RANGE = 1e-6, 1.0
+_NOWHERE = -1e3  # stands for the logarithm of a likelihood of zero, where it is fitted
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,8 +162,11 @@ def _from_log_likelihood(
     first, second = np.triu_indices(k, 1)
     units = np.eye(k)
     points = np.concatenate([np.zeros((1, k)), units, -units, units[first] + units[second]])
-    values = log_likelihood(_at(points, means, factor)).reshape(n, len(points))
-    values = np.nan_to_num(values - values.max(axis=1, keepdims=True), nan=0.0, neginf=-1e3)
+    raw = log_likelihood(_at(points, means, factor))
+    steps.check_log_factor("likelihood", raw, raw.size)
+    values = raw.reshape(n, len(points))
+    peaks = np.maximum(values.max(axis=1, keepdims=True), -1e300)
+    values = np.where(np.isneginf(values), _NOWHERE, values - peaks)
     centre, ahead, behind, both = np.split(values, [1, 1 + k, 1 + 2 * k], axis=1)
     gradient = 0.5 * (ahead - behind)
     curvature = np.zeros((n, k, k))
