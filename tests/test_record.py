@@ -69,6 +69,16 @@ def test_strongest_pairs(count, rows):
     np.testing.assert_allclose(joint[innovations, histories], best)
 
 
+def test_an_association_counts_its_memory():
+    a = association(n=5, m=7, d=2)
+    assert a.nbytes == 8 * (5 * 2 + 5 + 7 * 2)
+    particles = ParticleSet.uniform(np.zeros((5, 1, 2)))
+    without, with_one = (
+        StepRecord(None, particles, (Stage("associate", particles, association=joined),), None) for joined in (None, a)
+    )
+    assert with_one.nbytes == without.nbytes + a.nbytes
+
+
 def record(n: int = 3, value: float = 0.0) -> StepRecord:
     before = ParticleSet.uniform(np.zeros((n, 1, 1)))
     after = ParticleSet.uniform(np.full((n, 1, 1), value))

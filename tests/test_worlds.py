@@ -8,7 +8,7 @@ from pfviz.exact import Gaussian, GridStep, KalmanStep
 from pfviz.filters import FILTERS, make_filter
 from pfviz.model import Model
 from pfviz.names import UnknownName
-from pfviz.observations import SquaredObservation
+from pfviz.observations import GaussianObservation, SquaredObservation
 from pfviz.running import run
 from pfviz.worlds import WORLDS, Detector, Jumps, RootDetector, ToyModel, World, get_world
 
@@ -183,6 +183,23 @@ def test_a_world_of_ones_own_in_a_few_lines():
     world = World("mine", "Mine", "Something to look for.", model, extent=3.0, n_particles=30)
     observations = world.record(0, 3).observations
     assert [record.condition for record in run(make_filter("rb-hs-sir", 30), model, observations)] == [None] * 3
+
+
+@pytest.mark.parametrize(
+    ("prior", "covariance", "message"),
+    [
+        (np.eye(3), np.eye(1), "prior must have 2 dimensions for order 2 in 1 dimensions, got 3"),
+        (np.eye(2), np.eye(2), r"observation covariance must have shape \(1, 1\), got \(2, 2\)"),
+    ],
+)
+def test_a_model_whose_parts_do_not_fit_is_refused(prior, covariance, message):
+    with pytest.raises(ValueError, match=message):
+        ToyModel(
+            Autoregression.scalar([0.5, 0.1], noise=1.0),
+            GaussianObservation(covariance),
+            RootDetector(1.0),
+            Gaussian(np.zeros(len(prior)), prior),
+        )
 
 
 @every_world

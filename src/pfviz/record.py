@@ -41,6 +41,12 @@ class Association:
     pool: FloatArray | None = None
     log_pool_weights: FloatArray | None = None
 
+    @property
+    def nbytes(self) -> int:
+        """Of its own arrays; the histories are those of the record."""
+        arrays = (self.innovations, self.chosen, self.means, self.pool, self.log_pool_weights)
+        return sum(array.nbytes for array in arrays if array is not None)
+
     def log_joint(self, indices: IntArray) -> FloatArray:
         """``(len(indices), M)``: log w_l p(u_i | x_l) for the innovations at ``indices``."""
         return self.histories.log_weights + self._log_transition(self.innovations[indices], self.means)
@@ -185,6 +191,7 @@ class StepRecord:
             stage.particles.states.nbytes
             + 3 * stage.particles.log_weights.nbytes
             + sum(factor.nbytes for factor in stage.log_factors.values())
+            + (stage.association.nbytes if stage.association is not None else 0)
             for stage in self.stages
         )
 

@@ -23,7 +23,7 @@ class LsNIps:
     within ``radius`` where the likelihood is larger; weigh by ``p(y | S(x))``. The search is a ``LocalSearch``: any
     that finds a larger likelihood within the radius would do.
 
-    It "trades off bias against variance": a few particles reach a narrow peak of the likelihood that prediction alone
+    It trades bias for variance: a few particles reach a narrow peak of the likelihood that prediction alone
     would miss, but they all gather there. The cloud is narrower than the posterior, it believes the observation more
     and the dynamics less than the model does, and the mean weight overestimates the evidence, always: no particle
     weighs less than without the search. With a radius that goes to zero it becomes CONDENSATION.
