@@ -13,6 +13,7 @@ from viser import uplot
 from pfviz.particles import FloatArray
 from pfviz_app.room import Room
 from pfviz_app.session import Picture
+from pfviz_app.settings import Settings
 from pfviz_app.stage.palette import DARK, LIGHT, Rgb
 
 _PERIOD = 0.25
@@ -24,14 +25,14 @@ class Plots:
     """Two small charts with a line for each room, redrawn a few times a second at the most."""
 
     def __init__(self, client: viser.ClientHandle) -> None:
-        self._shown: tuple[int, int, bool] | None = None
+        self._shown: tuple[int, int, Settings] | None = None
         self._drawn_at = 0.0
         self._ess = _Chart(client, "effective sample size, % of N", "y")
         self._error = _Chart(client, "error: toy (left), video in px (right)", "px")
 
     def draw(self, picture: Picture) -> None:
         """Show the rooms' records, unless nothing has changed or it is too soon."""
-        now, state = time.monotonic(), (id(picture.toy), picture.last, picture.settings.dark)
+        now, state = time.monotonic(), (id(picture.toy), picture.last, picture.settings)
         if state == self._shown or (picture.playing and now - self._drawn_at < _PERIOD):
             return
         self._shown, self._drawn_at = state, now
