@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
 from dataclasses import fields
@@ -22,8 +21,6 @@ from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
 _TWO_DOCKS = 1150
-_PATIENCE = 2.0
-"""For how many seconds a widget that a visitor has moved is left alone, so that it does not jump back in a drag."""
 _LAST_STAGE, _NEXT_STAGE = "‹ before", "after ›"
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 
@@ -45,10 +42,9 @@ class Controls:
     a pool of threads, in any order.
     """
 
-    def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post) -> None:
-        self._client, self._post = client, post
+    def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post, idle: Callable[[], bool]) -> None:
+        self._client, self._post, self._idle = client, post, idle
         self._widgets: dict[str, Any] = {}
-        self._wishes: dict[str, tuple[Any, float]] = {}
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: tuple[str, str, bool] | None = None
         self._dark: bool | None = None
@@ -65,8 +61,7 @@ class Controls:
             self._theme(s.dark)
         for field, widget in self._widgets.items():
             value = self._shown(field, getattr(s, field))
-            if not self._outrun(field, value) and widget.value != value:
-                widget.value = value
+            self._set(widget, value)
         label = "❚❚ Pause" if picture.playing else "▶ Play"
         if self._play.label != label:
             self._play.label = label
@@ -83,8 +78,16 @@ class Controls:
         most = max(picture.last, 1)
         if self._time.max != most:
             self._time.max = most
-        if not self._outrun("time", picture.t) and self._time.value != picture.t:
-            self._time.value = picture.t
+        self._set(self._time, picture.t)
+
+    def _set(self, widget: Any, value: Any) -> None:
+        """Show ``value``, unless the visitor has moved the widget meanwhile: it must not jump back under their hand.
+
+        Another picture, and with it another call, follows as soon as what they asked for is done.
+        """
+        shown = widget.value
+        if shown != value and self._idle():
+            widget.value = value
 
     def _show_code(self, picture: Picture) -> None:
         """The share code of what is on screen, unless the visitor is typing one or the film runs."""
@@ -94,14 +97,6 @@ class Controls:
         self._shared = state
         self._code.value = encode(*state)
         self._line.value = command_line(*state)
-
-    def _outrun(self, name: str, value: Any) -> bool:
-        """Whether ``value`` is not yet what the visitor last set the widget to."""
-        wish, since = self._wishes.get(name, (value, 0.0))
-        if wish == value or time.monotonic() - since > _PATIENCE:
-            self._wishes.pop(name, None)
-            return False
-        return True
 
     def _explain(self, picture: Picture) -> None:
         s = picture.settings
@@ -158,7 +153,7 @@ class Controls:
         walks = gui.add_button_group("Stage", (_LAST_STAGE, _NEXT_STAGE))
         walks.on_click(self._posting(lambda: Walk(1 if walks.value == _NEXT_STAGE else -1)))
         self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
-        self._time.on_update(self._wishing("time", lambda: self._time.value, Seek))
+        self._time.on_update(self._wishing(lambda: Seek(self._time.value)))
         self._status = gui.add_markdown("Paused")
         phone = self._client.camera.image_width < PHONE
         for group in GROUPS:
@@ -186,8 +181,7 @@ class Controls:
             low, high, step = (int(v) if whole else v for v in (control.low, control.high, control.step))
             widget = gui.add_slider(control.label, low, high, step, value, hint=control.hint)
         self._widgets[field] = widget
-        wished = self._wishing(field, lambda: widget.value, lambda shown: Set(field, self._meant(field, shown)))
-        widget.on_update(wished)
+        widget.on_update(self._wishing(lambda: Set(field, self._meant(field, widget.value))))
 
     def _posting(self, command: Callable[[], Command]) -> Callable[[Any], Coroutine[Any, Any, None]]:
         async def on_event(_: Any) -> None:
@@ -195,16 +189,12 @@ class Controls:
 
         return on_event
 
-    def _wishing(
-        self, name: str, value: Callable[[], Any], command: Callable[[Any], Command]
-    ) -> Callable[[Any], Coroutine[Any, Any, None]]:
+    def _wishing(self, command: Callable[[], Command]) -> Callable[[Any], Coroutine[Any, Any, None]]:
         """Passes on what a visitor sets a widget to; our own updates come without a client."""
 
         async def on_update(event: Any) -> None:
             if event.client is not None:
-                shown = value()
-                self._wishes[name] = shown, time.monotonic()
-                self._post(command(shown))
+                self._post(command())
 
         return on_update
 

@@ -39,7 +39,7 @@ class Visitor:
         self._stage = Stage(client)
         self._stage.resize(client.camera.image_width, client.camera.image_height)
         self.session = Session(settings, video, self)
-        self._controls = Controls(client, settings, self.session.post)
+        self._controls = Controls(client, settings, self.session.post, self.session.idle)
         client.camera.on_update(self._resized)
         client.scene.on_click()(self._clicked)
         self.session.start()

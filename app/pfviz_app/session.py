@@ -117,6 +117,10 @@ class Session:
         elif threading.current_thread() is not self._thread:
             self._thread.join(timeout=10.0)
 
+    def idle(self) -> bool:
+        """Whether nothing is asked for that has not been begun; if not, another picture will be drawn."""
+        return self._queue.empty()
+
     @property
     def alive(self) -> bool:
         return self._thread.is_alive()

@@ -310,6 +310,20 @@ def test_a_slider_that_is_dragged_redoes_the_step_once():
         assert len(visit.screen.drawn) - drawn <= 4
 
 
+def test_it_is_idle_when_all_that_was_asked_for_is_done(visit):
+    visit.settled()
+    assert visit.session.idle()
+    visit.screen.resize = lambda *_: visit.screen.open.clear()
+    visit.session.post(Resize(5, 5))
+    while visit.screen.open.is_set():
+        pass
+    visit.session.post(Set("arrows", 3))
+    assert not visit.session.idle()
+    visit.screen.open.set()
+    visit.screen.wait_for(lambda picture: picture.settings.arrows == 3)
+    assert visit.session.idle()
+
+
 def test_the_film_ends_and_play_starts_it_again():
     with Visit(FEW, disc_setup(lambda: DiscVideo(frame_count=4))) as visit:
         visit.do(Play())
