@@ -107,8 +107,8 @@ class TrackerModel:
         dynamics: of the state.
         prior_deviation: ``(2, 4)``, standard deviations of the first state and of its velocity.
         extractor: of what is measured.
-        cues: the parts of the likelihood, taken as independent.
-        noise: the factors by which system, observation and proposal noise were multiplied.
+        contour_likelihood: of the edges, None where ``name`` does not use it.
+        colour_likelihood: of the colours, None where ``name`` does not use it. With both, the two are multiplied.
     """
 
     name: str
