@@ -6,6 +6,7 @@ import argparse
 import contextlib
 import io
 import logging
+import signal
 import socket
 import threading
 import warnings
@@ -130,9 +131,18 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
     if open_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     try:
-        threading.Event().wait()
+        _wait_for_a_signal()
     finally:
         app.stop()
+
+
+def _wait_for_a_signal() -> None:
+    """Return when the process is interrupted or asked to end, even where it was started with interrupts ignored."""
+    ended = threading.Event()
+    with contextlib.suppress(ValueError):  # not in the main thread: whoever is decides
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, lambda *_: ended.set())
+    ended.wait()
 
 
 def prepare_video(source: str, box: tuple[float, float, float, float] | None, start_frame: int) -> VideoSetup:
