@@ -29,8 +29,9 @@ class ContourLikelihood:
 
     Along each of L normals the edge nearest to the outline is sought, up to ``search`` pixels either way. The
     squared distance d to it costs ``d^2 / 2 sigma^2``, and a normal without an edge as much as one at
-    ``search``. Normals are taken as independent. They are not, so the sum is multiplied by ``temper``: with
-    1, a few normals more or less would decide everything; with ``n / L`` they count as n independent ones.
+    ``search``: with a ``sigma`` that is not much smaller, a part that is hidden does not decide everything.
+    Normals are taken as independent. They are not, so the sum is multiplied by ``temper``: with ``n / L`` they
+    count as n independent ones.
 
     Attributes:
         points: ``(L, 2)``, of the outline about its centre, in frame pixels.

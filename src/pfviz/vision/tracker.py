@@ -60,7 +60,7 @@ class TrackerOptions:
     """
 
     normals: int = 32
-    independent_normals: float = 6.0
+    independent_normals: float = 16.0
     independent_pixels: float = 4.0
     position_noise: float = 0.02
     rotation_noise: float = 0.04
@@ -237,7 +237,7 @@ def learn_tracker(
         points=contour.points,
         normals=contour.normals,
         search=extractor.reach,
-        sigma=extractor.reach / 3.0,
+        sigma=extractor.reach / 1.5,
         temper=options.independent_normals / contour.count,
     )
     return TrackerModel(
