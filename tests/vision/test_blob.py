@@ -87,6 +87,15 @@ def test_the_grid_is_that_of_the_sources(detector):
     assert detector.detect(ratio_with()).probabilities.shape == (18, 24)
 
 
+@pytest.mark.parametrize(
+    ("size", "scale", "columns"), [((240, 180), 0.5, 45), ((1920, 1440), 0.5, 96), ((60, 45), 0.3, 24)]
+)
+def test_small_objects_get_smaller_cells_within_reason(size, scale, columns):
+    contour, centre = contour_from_polygon(scale * TRIANGLE + np.array(size) / 2)
+    detector = BlobDetector.learn(np.full(size[::-1], 8, np.uint8), contour, centre, 1.0, size)
+    assert detector.shape == (pytest.approx(0.75 * columns, abs=1), pytest.approx(columns, abs=2))
+
+
 @pytest.mark.parametrize("centre", [(60, 60), (31, 140), (205, 43), (117, 95)])
 def test_the_peak_is_at_the_centre_of_the_object(detector, centre):
     probabilities = detector.detect(ratio_with(centre)).probabilities

@@ -17,7 +17,7 @@ from pfviz.particles import FloatArray, readonly
 from pfviz.vision.colour import decode
 from pfviz.vision.shapes import Contour
 
-_COLUMNS = 24
+_COLUMNS, _MOST_COLUMNS = 24, 96
 _CELL_SHARE = 0.3
 _SIZE_ON_MAP = 12.0
 _SURROUND = 1.7
@@ -162,9 +162,9 @@ class BlobDetector:
 
 
 def _grid_shape(size: tuple[int, int], object_size: float) -> tuple[int, int]:
-    """Rows and columns: 24 columns, or more where a cell would be more than 0.3 of the object."""
+    """Rows and columns: 24 columns, or up to 96 where a cell would be more than 0.3 of the object."""
     width, height = size
-    cell = max(2.0, min(width / _COLUMNS, _CELL_SHARE * object_size))
+    cell = max(2.0, width / _MOST_COLUMNS, min(width / _COLUMNS, _CELL_SHARE * object_size))
     return max(1, round(height / cell)), max(1, round(width / cell))
 
 
