@@ -9,6 +9,7 @@ import logging
 import queue
 import threading
 import time
+from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Protocol
@@ -19,7 +20,7 @@ from pfviz.worlds import get_world
 from pfviz_app.commands import Click, Close, Command, Open, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 from pfviz_app.films import ToyFilm, VideoFilm, VideoSetup
 from pfviz_app.room import Room
-from pfviz_app.settings import Settings, decode
+from pfviz_app.settings import SettingError, Settings, decode
 
 log = logging.getLogger(__name__)
 
@@ -161,7 +162,7 @@ class Session:
     def _obey(self, command: Command) -> None:
         match command:
             case Set(field, value):
-                self._set(field, value)
+                self._unless_refused(self._set, field, value)
             case Play(on):
                 self._play(not self._playing if on is None else on)
             case Step(count):
@@ -176,13 +177,20 @@ class Session:
             case Click(x, y):
                 self._chosen = self._view.pick(x, y)
             case Open(code):
-                self._open(code)
+                self._unless_refused(self._open, code)
             case Reset():
                 self._start_rooms()
             case Resize(width, height):
                 self._view.resize(width, height)
             case Close():
                 self._closed = True
+
+    def _unless_refused(self, action: Callable[..., None], *arguments: Any) -> None:
+        """Do what a visitor wishes, or say what is wrong with the wish: nothing is lost by it."""
+        try:
+            action(*arguments)
+        except SettingError as error:
+            self._message = str(error)
 
     def _set(self, field: str, value: Any) -> None:
         settings = self._settings.with_value(field, value)

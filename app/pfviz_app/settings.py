@@ -16,6 +16,10 @@ Pane = Literal["both", "toy", "tracker"]
 Choices = tuple[tuple[str, str], ...]
 
 
+class SettingError(ValueError):
+    """A wish that cannot be granted: the message names the control, the value and what was expected."""
+
+
 @dataclass(frozen=True, slots=True)
 class Settings:
     """What a visitor has set. Noises are factors on standard deviations, as the filters believe them."""
@@ -39,10 +43,10 @@ class Settings:
         """The settings with one of them changed.
 
         Raises:
-            ValueError: naming the control, the value and what was expected.
+            SettingError: naming the control, the value and what was expected.
         """
         if field not in {f.name for f in fields(self)}:
-            raise ValueError(f"unknown setting {field!r}")
+            raise SettingError(f"unknown setting {field!r}")
         control = CONTROLS.get(field)
         return replace(self, **{field: control.checked(value) if control else value})
 
@@ -82,21 +86,21 @@ class Control:
         """``value`` as the setting needs it, rounded to the slider's type.
 
         Raises:
-            ValueError: if it is out of range or not a choice.
+            SettingError: if it is out of range or not a choice.
         """
         if self.kind == "switch":
             return bool(value)
         if self.kind == "choice":
             names = [name for name, _ in self.choices]
             if value not in names:
-                raise ValueError(f"{self.label}: expected one of {', '.join(names)}, got {value!r}")
+                raise SettingError(f"{self.label}: expected one of {', '.join(names)}, got {value!r}")
             return value
         try:
             number = float(value)
         except (TypeError, ValueError):
-            raise ValueError(f"{self.label}: expected a number, got {value!r}") from None
+            raise SettingError(f"{self.label}: expected a number, got {value!r}") from None
         if not self.low <= number <= self.high:
-            raise ValueError(f"{self.label}: expected {self.low:g} to {self.high:g}, got {value!r}")
+            raise SettingError(f"{self.label}: expected {self.low:g} to {self.high:g}, got {value!r}")
         return round(number) if self.step >= 1 else number
 
 
@@ -184,7 +188,7 @@ def decode(code: str) -> tuple[Settings, int]:
     """The settings and the time that a share code stands for.
 
     Raises:
-        ValueError: if it is not a share code, or asks for something there is not.
+        SettingError: if it is not a share code, or asks for something there is not.
     """
     body = code.strip().removeprefix(_CODE)
     try:
@@ -195,9 +199,9 @@ def decode(code: str) -> tuple[Settings, int]:
         if not unpacking.eof:
             raise ValueError("cut short")
     except (ValueError, TypeError, zlib.error):
-        raise ValueError(f"{code[:40]!r} is not a share code: expected one that begins with {_CODE}") from None
+        raise SettingError(f"{code[:40]!r} is not a share code: expected one that begins with {_CODE}") from None
     if not isinstance(t, int) or not 0 <= t <= _LATEST:
-        raise ValueError(f"the share code asks for time {t!r}: expected 0 to {_LATEST}")
+        raise SettingError(f"the share code asks for time {t!r}: expected 0 to {_LATEST}")
     settings = Settings()
     for field, value in values.items():
         settings = settings.with_value(field, value)

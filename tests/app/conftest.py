@@ -5,6 +5,14 @@ from pathlib import Path
 import pytest
 from stand_ins import write_disc_video
 
+from pfviz import kernels
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_kernels() -> None:
+    """A session keeps its backend until it is reset: compile now, so that no test begins on one and ends on another."""
+    kernels.warm_up()
+
 
 @pytest.fixture(scope="session")
 def disc_file(tmp_path_factory: pytest.TempPathFactory) -> Path:

@@ -1,6 +1,5 @@
 """The widgets and the session agree, whoever changed something last."""
 
-import asyncio
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -12,6 +11,12 @@ from stand_ins import Visit
 
 FEW = Settings(toy_particles=12, tracker_particles=15)
 SOMEBODY, OURSELVES = SimpleNamespace(client=object()), SimpleNamespace(client=None)
+
+
+def finish(coroutine):
+    """Run a coroutine that waits for nothing, whether or not a loop is running in this thread."""
+    with pytest.raises(StopIteration):
+        coroutine.send(None)
 
 
 class Widget:
@@ -27,7 +32,7 @@ class Widget:
 
     def call(self, event):
         for callback in self._callbacks:
-            asyncio.run(callback(event))
+            finish(callback(event))
 
     def moved(self, value):
         """By the visitor."""
