@@ -173,6 +173,7 @@ class Visitor:
 
     def click(self, label: str) -> None:
         self.page.get_by_role("button", name=label, exact=True).click()
+        self._lets_it_be_sent()
 
     def press(self, *keys: str) -> None:
         for key in keys:
@@ -192,6 +193,7 @@ class Visitor:
         field.click()
         self.page.get_by_role("option", name=option, exact=True).click()
         self.until(lambda: field.input_value() == option, f"{label} to be {option}")
+        self._lets_it_be_sent()
 
     def options(self, label: str) -> Sequence[str]:
         self.page.get_by_role("combobox", name=label, exact=True).click()
@@ -202,6 +204,7 @@ class Visitor:
     def type(self, label: str, value: object) -> None:
         """Type into the number beside a slider."""
         self.number_of(label).fill(str(value))
+        self._lets_it_be_sent()
 
     def drag(self, label: str, *shares: float) -> None:
         """Drag the slider's thumb by the mouse to these shares of its length."""
@@ -215,6 +218,11 @@ class Visitor:
         for share in shares:
             mouse.move(box["x"] + share * box["width"], box["y"] + box["height"] / 2, steps=3)
         mouse.up()
+        self._lets_it_be_sent()
+
+    def _lets_it_be_sent(self) -> None:
+        """viser sends the last change of all widgets in 50 ms, so nobody may be quicker from one to the next."""
+        self.page.evaluate("() => new Promise(done => setTimeout(done, 60))")
 
     def number_of(self, label: str) -> Locator:
         return self._slider(label).locator("xpath=following-sibling::*//input")

@@ -10,7 +10,7 @@ from pfviz.worlds import WORLDS
 
 pytestmark = pytest.mark.e2e
 
-WINDOWS = {"wide": (1400, 850), "tall": (800, 1200), "phone": (390, 844), "small": (1024, 600)}
+WINDOWS = {"wide": (1400, 850), "tall": (800, 1200), "phone": (390, 844)}
 
 
 def step(visitor):
@@ -95,7 +95,7 @@ def test_a_video_of_ones_own(serve, visit, tmp_path):
     path = write_disc_video(tmp_path / "disc.mp4", frames=12)
     app = serve("--video", path, "--box", ",".join(map(str, DISC_BOX)), "--particles", 100)
     visitor = visit(app, 1000, 600)
-    for t in range(1, 5):
+    for t in range(1, 4):
         step(visitor)
         visitor.sees("tracker.close.expected")
         assert np.linalg.norm(centre_in_frame(visitor, SIZE) - centre(t - 1)) < 5.0
@@ -126,8 +126,7 @@ def test_the_flask(serve, visit, clips):
     with (clips / "flask" / "truth.csv").open() as stream:
         truth = {int(row["frame"]): (float(row["cx"]), float(row["cy"])) for row in csv.DictReader(stream)}
     visitor = visit(serve("--video", video, "--box", "308,124,107,259"), 1000, 600)
-    for frame in range(8):
+    for frame in range(4):
         step(visitor)
-        if frame in truth:
-            visitor.sees("tracker.close.expected")
-            assert np.linalg.norm(centre_in_frame(visitor, (640, 480)) - truth[frame]) < 20.0
+        visitor.sees("tracker.close.expected")
+        assert np.linalg.norm(centre_in_frame(visitor, (640, 480)) - truth[frame]) < 15.0
