@@ -13,7 +13,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 LAYERS = (
-    {"names", "particles", "randomness", "model", "record"},
+    {"names", "particles", "randomness", "model", "record", "genealogy"},
     {"resampling", "dynamics", "observations", "proposals"},
     {"kernels"},
     {"filters", "exact"},
