@@ -45,6 +45,7 @@ class Controls:
     def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post, idle: Callable[[], bool]) -> None:
         self._client, self._post, self._idle = client, post, idle
         self._widgets: dict[str, Any] = {}
+        self._agreed: dict[int, Any] = {}
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: tuple[str, str, bool] | None = None
         self._dark: bool | None = None
@@ -83,11 +84,12 @@ class Controls:
     def _set(self, widget: Any, value: Any) -> None:
         """Show ``value``, unless the visitor has moved the widget meanwhile: it must not jump back under their hand.
 
-        Another picture, and with it another call, follows as soon as what they asked for is done.
+        The widget itself already holds what they have moved it to before their wish arrives here, so it is compared
+        with what was last agreed on. Another picture, and with it another call, follows as soon as the wish is done.
         """
-        shown = widget.value
-        if shown != value and self._idle():
+        if self._agreed.get(id(widget), widget.value) != value and self._idle():
             widget.value = value
+            self._agreed[id(widget)] = value
 
     def _show_code(self, picture: Picture) -> None:
         """The share code of what is on screen, unless the visitor is typing one or the film runs."""
@@ -153,7 +155,7 @@ class Controls:
         walks = gui.add_button_group("Stage", (_LAST_STAGE, _NEXT_STAGE))
         walks.on_click(self._posting(lambda: Walk(1 if walks.value == _NEXT_STAGE else -1)))
         self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
-        self._time.on_update(self._wishing(lambda: Seek(self._time.value)))
+        self._wishing(self._time, Seek)
         self._status = gui.add_markdown("Paused")
         phone = self._client.camera.image_width < PHONE
         for group in GROUPS:
@@ -181,7 +183,7 @@ class Controls:
             low, high, step = (int(v) if whole else v for v in (control.low, control.high, control.step))
             widget = gui.add_slider(control.label, low, high, step, value, hint=control.hint)
         self._widgets[field] = widget
-        widget.on_update(self._wishing(lambda: Set(field, self._meant(field, widget.value))))
+        self._wishing(widget, lambda value: Set(field, self._meant(field, value)))
 
     def _posting(self, command: Callable[[], Command]) -> Callable[[Any], Coroutine[Any, Any, None]]:
         async def on_event(_: Any) -> None:
@@ -189,14 +191,17 @@ class Controls:
 
         return on_event
 
-    def _wishing(self, command: Callable[[], Command]) -> Callable[[Any], Coroutine[Any, Any, None]]:
-        """Passes on what a visitor sets a widget to; our own updates come without a client."""
+    def _wishing(self, widget: Any, command: Callable[[Any], Command]) -> None:
+        """Pass on what a visitor sets a widget to; our own updates come without a client."""
+        self._agreed[id(widget)] = widget.value
 
         async def on_update(event: Any) -> None:
             if event.client is not None:
-                self._post(command())
+                value = widget.value
+                self._post(command(value))
+                self._agreed[id(widget)] = value
 
-        return on_update
+        widget.on_update(on_update)
 
     def _shown(self, field: str, value: Any) -> Any:
         return self._labels[field].get(value, value)

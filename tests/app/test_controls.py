@@ -125,3 +125,12 @@ def test_a_widget_is_put_right_when_what_was_asked_for_cannot_be(docks, visit):
     docks.controls.show(picture)
     assert "Seed" in picture.message
     assert docks.widgets["Seed"].value == FEW.seed
+
+
+def test_a_picture_that_is_drawn_before_a_wish_arrives_does_not_undo_it(docks, visit):
+    """viser sets the widget first and calls back later, and a picture may be drawn between the two."""
+    checkbox = docks.widgets["Dark colours"]
+    checkbox.value = True
+    docks.controls.show(visit.do(Step(1)))
+    checkbox.call(SOMEBODY)
+    assert docks.posted == [Set("dark", True)]

@@ -192,4 +192,4 @@ class TrackerStage:
 
 
 def _rgb(image: NDArray[Any]) -> NDArray[np.uint8]:
-    return np.ascontiguousarray(image[..., ::-1], dtype=np.uint8)
+    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
