@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from pfviz.vision.scenes import FRAME_COUNT, SIZE, Scene, shape
+from pfviz.vision.scenes import FRAME_COUNT, SCENES, SIZE, Scene, shape
 from pfviz.vision.shapes import signed_area
 from pfviz.vision.video import EndOfVideo, VideoSource
 
@@ -123,3 +123,29 @@ def test_it_is_a_video_of_five_seconds():
     for index in (-1, 150):
         with pytest.raises(EndOfVideo):
             scene.read(index)
+
+
+def test_a_variant_changes_what_it_is_named_after():
+    plain, small, large, fast = (SCENES[name](3) for name in ("twin", "twin-small", "twin-large", "twin-fast"))
+    assert small.box(0)[2] < 0.7 * plain.box(0)[2] < 0.7 * large.box(0)[2]
+    assert small.truth(0)[3] == large.truth(0)[3] == 1.0
+    assert (
+        np.abs(np.diff([fast.state(t)[:2] for t in range(150)], axis=0)).sum()
+        > 1.3 * np.abs(np.diff([plain.state(t)[:2] for t in range(150)], axis=0)).sum()
+    )
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_near_twin_is_passed_over(seed):
+    def nearest(scene: Scene) -> float:
+        return min(np.linalg.norm(scene.state(t)[:2] - scene.twin[:2]) for t in range(FRAME_COUNT))
+
+    assert nearest(SCENES["twin-near"](seed)) < 8.5 < nearest(SCENES["twin"](seed)) + 0.5
+
+
+def test_patches_lie_apart_from_object_and_twin_and_are_drawn():
+    plain, patched = SCENES["twin"](2), SCENES["twin-patches"](2)
+    changed = np.argwhere(np.abs(plain.read(0).astype(int) - patched.read(0)).sum(axis=2) > 150)[:, ::-1]
+    assert len(objects_in(patched.read(0))) > len(objects_in(plain.read(0))) + 1
+    assert np.linalg.norm(changed - plain.state(0)[:2], axis=1).min() > 25.0
+    assert patched.name == "scene:twin-patches:2"

@@ -3,14 +3,14 @@
 ``twin`` is the experiment of the sources (section 3) drawn anew: 5 seconds at 30 frames per second and 240 x
 180 pixels of an artificial object, moved as by a hand through a cluttered office, while another of the same
 shape and colour lies on the table. Everything in it follows from its seed: other seeds give other motions,
-clutter and places of the twin.
+clutter and places of the twin. ``twin-small``, ``twin-fast`` and the others of ``VARIANTS`` change one thing each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 
 import cv2
 import numpy as np
@@ -50,6 +50,23 @@ def make_scene(text: str) -> Scene:
     return make(int(seed or 0))
 
 
+@dataclass(frozen=True, slots=True)
+class Variant:
+    """What a scene does differently from ``twin``.
+
+    Attributes:
+        object_size: the size of object and twin, relative to that of ``twin``.
+        speed: of the motion, relative.
+        passing: the least and the greatest distance in pixels at which the object's centre passes by the twin's.
+        patches: how many smaller things of the object's colour lie about.
+    """
+
+    object_size: float = 1.0
+    speed: float = 1.0
+    passing: tuple[float, float] = _PASSING_DISTANCE
+    patches: int = 0
+
+
 @dataclass(frozen=True)
 class Motion:
     """States ``(x, y, rotation, log_scale)`` over time, each a sum of sines about a mean.
@@ -85,10 +102,10 @@ class Scene:
     frame_rate = FRAME_RATE
     frame_count = FRAME_COUNT
 
-    def __init__(self, seed: int = 0) -> None:
-        self.name = f"scene:twin:{seed}" if seed else "scene:twin"
-        self._seed = seed
-        self._motion, self.twin = _choreography(np.random.default_rng([seed, 0]))
+    def __init__(self, seed: int = 0, kind: str = "twin") -> None:
+        self.name = f"scene:{kind}:{seed}" if seed else f"scene:{kind}"
+        self._seed, self._variant = seed, VARIANTS[kind]
+        self._motion, self.twin = _choreography(np.random.default_rng([seed, 0]), self._variant)
         self._frames: dict[int, Image] = {}
 
     def read(self, index: int) -> Image:
@@ -140,11 +157,23 @@ class Scene:
 
     @cached_property
     def _table(self) -> NDArray[np.float32]:
-        """What does not move: the office with the twin on the table."""
+        """What does not move: the office with the patches in it, and the twin on the table."""
         canvas = paint_office(np.random.default_rng([self._seed, 1]), SIZE)
+        for patch in self._patches():
+            draw_object(canvas, patch[None])
         draw_shadow(canvas, self.twin, offset=(2.0, 3.5), softness=2.0, depth=0.5)
         draw_object(canvas, self.twin[None])
         return canvas
+
+    def _patches(self) -> FloatArray:
+        """``(n, 4)``: the states of the patches, which keep away from where the object begins and from the twin."""
+        rng = np.random.default_rng([self._seed, 4])
+        places = np.stack([rng.uniform(12.0, side - 12.0, 200) for side in SIZE], axis=1)
+        taken = np.stack([self.state(0)[:2], self.twin[:2]])
+        apart = np.linalg.norm(places[:, None] - taken, axis=2).min(axis=1) > 45.0
+        places = places[apart][: self._variant.patches]
+        log_scales = np.log(self._variant.object_size * rng.uniform(0.3, 0.6, len(places)))
+        return np.column_stack([places, rng.uniform(-np.pi, np.pi, len(places)), log_scales])
 
     def _draw(self, index: int) -> Image:
         seconds = (index + _EXPOSURE * np.array([-0.5, 0.0, 0.5])) / FRAME_RATE
@@ -168,7 +197,15 @@ class Scene:
         return _NOISE * rng.standard_normal((2 * SIZE[1], 2 * SIZE[0], 3), dtype=np.float32)
 
 
-SCENES: dict[str, Callable[[int], Scene]] = {"twin": Scene}
+VARIANTS: dict[str, Variant] = {
+    "twin": Variant(),
+    "twin-small": Variant(object_size=0.6),
+    "twin-large": Variant(object_size=1.4),
+    "twin-fast": Variant(speed=1.6),
+    "twin-near": Variant(passing=(0.0, 8.0)),
+    "twin-patches": Variant(patches=8),
+}
+SCENES: dict[str, Callable[[int], Scene]] = {name: partial(Scene, kind=name) for name in VARIANTS}
 
 
 @lru_cache(maxsize=1)
@@ -184,25 +221,26 @@ def _placed(state: FloatArray) -> FloatArray:
     return apply(transforms(state[None]), shape())[0]
 
 
-def _choreography(rng: np.random.Generator) -> tuple[Motion, FloatArray]:
+def _choreography(rng: np.random.Generator, variant: Variant) -> tuple[Motion, FloatArray]:
     """A motion, and the state of a twin on the table that it starts away from and sweeps across later."""
     seconds = np.arange(FRAME_COUNT) / FRAME_RATE
     for _ in range(10_000):
-        motion = _hand_motion(rng)
+        motion = _hand_motion(rng, variant)
         path = motion.at(seconds)[:, :2]
         velocity = np.gradient(path, axis=0)
         speed = np.linalg.norm(velocity, axis=1)
         passing = int(rng.integers(40, FRAME_COUNT - 25))
         aside = np.array([-velocity[passing, 1], velocity[passing, 0]]) / speed[passing]
-        position = path[passing] + rng.choice([-1.0, 1.0]) * rng.uniform(*_PASSING_DISTANCE) * aside
+        position = path[passing] + rng.choice([-1.0, 1.0]) * rng.uniform(*variant.passing) * aside
         twin = np.array([*position, rng.uniform(-np.pi, np.pi), rng.uniform(-0.08, 0.08)])
+        twin[3] += np.log(variant.object_size)
         distances = np.linalg.norm(path - position, axis=1)
         if (
             _within_frame(path)
             and _TABLE[0] < position[1] < _TABLE[1]
             and speed[passing] > _PASSING_SPEED
             and distances[:20].min() > 55.0
-            and distances.min() > _PASSING_DISTANCE[0]
+            and distances.min() >= variant.passing[0]
         ):
             return motion, twin
     raise AssertionError("no motion was found that passes by the twin")
@@ -212,14 +250,14 @@ def _within_frame(path: FloatArray) -> bool:
     return bool((path >= [26.0, 26.0]).all() and (path <= [SIZE[0] - 26.0, SIZE[1] - 26.0]).all())
 
 
-def _hand_motion(rng: np.random.Generator) -> Motion:
+def _hand_motion(rng: np.random.Generator, variant: Variant) -> Motion:
     """Slow sweeps, quicker ones on top, and a little shaking."""
     amplitudes = np.array([[62.0, 22.0, 3.5], [42.0, 16.0, 3.0], [0.55, 0.3, 0.05], [0.16, 0.05, 0.005]])
-    centre = [rng.uniform(105.0, 135.0), rng.uniform(90.0, 102.0), rng.uniform(-0.5, 0.5), 0.0]
+    centre = [rng.uniform(105.0, 135.0), rng.uniform(90.0, 102.0), rng.uniform(-0.5, 0.5), np.log(variant.object_size)]
     return Motion(
         mean=np.array(centre),
         amplitudes=amplitudes * rng.uniform(0.75, 1.15, amplitudes.shape),
-        frequencies=np.array([0.32, 0.75, 1.9]) * rng.uniform(0.8, 1.2, amplitudes.shape),
+        frequencies=variant.speed * np.array([0.32, 0.75, 1.9]) * rng.uniform(0.8, 1.2, amplitudes.shape),
         phases=rng.uniform(0.0, 2.0 * np.pi, amplitudes.shape),
     )
 
