@@ -41,6 +41,12 @@ def test_exact_columns_follow_from_the_first_line(capsys, world, oracle):
         assert step["exact_log_evidence"] == pytest.approx(answer.log_evidence, abs=1e-9)
 
 
+def test_what_was_not_seen_is_null(capsys):
+    words = ("--world", "occlusion", "--particles", "5", "--steps", "64", "--seed", "1")
+    missing = [step["t"] for step in lines(capsys, *words)[1:] if step["observation"] is None]
+    assert missing == list(range(51, 63))
+
+
 @pytest.mark.parametrize("name", FILTERS)
 def test_the_contract_of_the_columns(capsys, name):
     words = ("--world", "linear-gaussian", "--filter", name, "--particles", "30", "--steps", "4", "--seed", "3")

@@ -172,6 +172,46 @@ def test_jumps_go_to_the_other_side_velocity_and_all():
     assert set(np.flatnonzero(steps > 1.5) + 2) == {25, 50}
 
 
+def test_nothing_is_seen_of_a_hidden_target():
+    world = get_world("occlusion")
+    missing = [bool(np.isnan(seen).all()) for seen in world.record(0, 130).observations]
+    hidden = [*range(51, 63), *range(113, 125)]
+    assert [t for t, nothing in enumerate(missing, start=1) if nothing] == hidden
+    conditions = [record.condition for record, _ in next(records_of(world, "condensation", 1, 70))]
+    assert [t for t, condition in enumerate(conditions, start=1) if condition == "missing"] == hidden[:12]
+
+
+def test_the_cloud_spreads_while_the_target_is_hidden_as_the_exact_posterior_does():
+    world = get_world("occlusion")
+    assert world.occlusion is not None
+    spread = np.array(
+        [
+            [np.sqrt(film[t - 1][0].posterior.covariance[0, 0]) for t in (50, 62, 63)]
+            for film in records_of(world, "rb-hs-sir", seeds=20, steps=63)
+        ]
+    )
+    state, exact = world.model.prior, []
+    for observation in world.record(0, 63).observations:
+        step = world.model.exact_step(state, observation)
+        assert isinstance(step, KalmanStep)
+        state = step.posterior
+        exact.append(np.sqrt(state.covariance[0, 0]))
+    standard_error = spread.std(axis=0, ddof=1) / np.sqrt(len(spread))
+    assert (np.abs(spread.mean(axis=0) - np.array(exact)[[49, 61, 62]]) < 5 * standard_error + 0.003).all()
+    assert exact[61] > 10 * exact[49] and exact[62] < 1.5 * exact[49]
+
+
+def test_a_peaked_likelihood_is_for_those_who_search_it():
+    """The mean ESS as a share of N."""
+    world = get_world("peaked")
+    share = {
+        name: np.mean([r.effective_sample_size for film in records_of(world, name, 4, 20) for r, _ in film]) / 100
+        for name in ("condensation", "rb-hs-sir", "ls-hs-sir", "unscented")
+    }
+    assert max(share["condensation"], share["rb-hs-sir"]) < 0.08
+    assert share["ls-hs-sir"] > 1.5 * share["condensation"] and share["unscented"] > 0.7
+
+
 def test_a_world_of_ones_own_in_a_few_lines():
     dynamics = Autoregression.scalar([0.9], noise=0.2)
     model = ToyModel(

@@ -65,7 +65,7 @@ def _lines(world: World, options: argparse.Namespace, seed: int) -> Iterator[dic
         yield {
             "t": t,
             "truth": truth.tolist(),
-            "observation": record.observation.tolist(),
+            "observation": None if record.condition == "missing" else record.observation.tolist(),
             "mean": record.estimate.tolist(),
             "covariance": record.posterior.covariance.tolist(),
             "exact_mean": None if marginal is None else marginal.mean.tolist(),
