@@ -5,12 +5,15 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Iterator
+from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
 
-from pfviz.vision.video import EndOfVideo, VideoError, VideoFile, VideoSource, frames, open_source, suggested_box
+from pfviz.vision.decoding import GuardedVideo, open_video
+from pfviz.vision.video import EndOfVideo, VideoError, VideoSource, frames, open_source, suggested_box
 
 SIZE = (64, 48)
 
@@ -36,8 +39,9 @@ def write_video(path, count: int, codec: str = "mp4v") -> str:
 
 
 @pytest.fixture
-def video(tmp_path) -> VideoFile:
-    return VideoFile(write_video(tmp_path / "numbers.mp4", 120))
+def video(tmp_path) -> Iterator[GuardedVideo]:
+    with open_video(Path(write_video(tmp_path / "numbers.mp4", 120))) as opened:
+        yield opened
 
 
 def test_a_file_tells_its_size_rate_and_length(video):
@@ -82,7 +86,7 @@ def test_of_a_truncated_file_the_whole_frames_are_used(tmp_path):
         assert 30 < len(numbers) < 70
         assert numbers == list(range(len(numbers)))
         assert source.frame_count == len(numbers)
-        with pytest.raises(EndOfVideo, match="ends after"):
+        with pytest.raises(EndOfVideo, match=r"ends early after .* frames, 100 frames were announced"):
             source.read(len(numbers))
 
 

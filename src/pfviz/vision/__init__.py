@@ -1,6 +1,8 @@
 """Particle filters on video: sources, the contour tracker's model, and what it takes to run and draw it."""
 
 from pfviz.vision.drawing import VideoWriter, draw_track
+from pfviz.vision.limits import Limits, display_name
+from pfviz.vision.shared import SharedVideo
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track, write_csv
 from pfviz.vision.tracker import (
     DEFAULT_MODEL,
@@ -10,13 +12,24 @@ from pfviz.vision.tracker import (
     TrackEstimate,
     learn_tracker,
 )
-from pfviz.vision.video import EndOfVideo, VideoError, VideoSource, frames, open_source, suggested_box
+from pfviz.vision.video import (
+    EndOfVideo,
+    VideoError,
+    VideoSource,
+    end_note,
+    frames,
+    open_source,
+    open_upload,
+    suggested_box,
+)
 
 __all__ = [
     "CSV_HEADER",
     "DEFAULT_MODEL",
     "MODELS",
     "EndOfVideo",
+    "Limits",
+    "SharedVideo",
     "TrackEstimate",
     "TrackedFrame",
     "TrackerModel",
@@ -24,10 +37,13 @@ __all__ = [
     "VideoError",
     "VideoSource",
     "VideoWriter",
+    "display_name",
     "draw_track",
+    "end_note",
     "frames",
     "learn_tracker",
     "open_source",
+    "open_upload",
     "suggested_box",
     "track",
     "write_csv",

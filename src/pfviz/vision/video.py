@@ -1,8 +1,10 @@
-"""Where frames come from: video files, cameras and synthetic scenes, behind one protocol."""
+"""Where frames come from: files, images, cameras and synthetic scenes, behind one protocol."""
 
 from __future__ import annotations
 
+import glob
 import os
+import threading
 from collections import OrderedDict
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pfviz.names import UnknownName
+from pfviz.vision.limits import Limits, display_name
 
 Image = NDArray[np.uint8]
 Truth = tuple[float, float, float, float]
 Box = tuple[float, float, float, float]
 
 DEFAULT_FRAME_RATE = 30.0
-_CACHE_BYTES = 64 * 2**20
+CACHE_BYTES = 128 * 2**20
 
 
 class VideoError(ValueError):
@@ -88,11 +91,21 @@ def frames(source: VideoSource, start: int = 0) -> Iterator[tuple[int, Image]]:
         index += 1
 
 
-def open_source(text: str | os.PathLike[str]) -> VideoSource:
-    """The source that ``text`` names: a video file, ``camera:N``, or ``scene:NAME`` (``scene:NAME:SEED``).
+def open_source(
+    text: str | os.PathLike[str], limits: Limits | None = None, frame_rate: float | None = None
+) -> VideoSource:
+    """The source that ``text`` names.
+
+    That is a video file, an image, a folder of images, a pattern that matches images (``frames/*.png``), ``camera:N``,
+    ``scene:NAME`` or ``scene:NAME:SEED``. Files are decoded in a process of their own, ahead of what is read.
+
+    Args:
+        text: the name.
+        limits: what a file may cost.
+        frame_rate: of images, in frames per second; 30 if not given.
 
     Raises:
-        VideoError: if there is no such source or it has no frames.
+        VideoError: if there is no such source, it has no frames, or it goes beyond the limits.
     """
     name = os.fspath(text)
     if name.startswith("camera:"):
@@ -104,7 +117,46 @@ def open_source(text: str | os.PathLike[str]) -> VideoSource:
             return make_scene(name.removeprefix("scene:"))
         except UnknownName as error:
             raise VideoError(str(error)) from None
-    return VideoFile(name)
+    return _open_files(name, limits or Limits(), frame_rate)
+
+
+def open_upload(path: str | os.PathLike[str], limits: Limits | None = None) -> VideoSource:
+    """A video or image file that a stranger sent, whatever its name looks like.
+
+    Raises:
+        VideoError: if it is not a regular file, goes beyond the limits or cannot be decoded.
+    """
+    file = Path(path)
+    if file.is_symlink():
+        raise VideoError(f"{display_name(file)}: is a link, not a file")
+    return _open_file(file, limits or Limits(), None)
+
+
+def _open_files(name: str, limits: Limits, frame_rate: float | None) -> VideoSource:
+    from pfviz.vision.decoding import open_images
+    from pfviz.vision.images import images_in, images_matching
+
+    if os.path.isdir(name):
+        return open_images(display_name(name), images_in(Path(name)), limits, frame_rate)
+    if glob.has_magic(name) and not os.path.exists(name):
+        return open_images(display_name(name), images_matching(name), limits, frame_rate)
+    return _open_file(Path(name), limits, frame_rate)
+
+
+def _open_file(path: Path, limits: Limits, frame_rate: float | None) -> VideoSource:
+    """A video, or an image as a video of one frame; the content decides, not the name."""
+    from pfviz.vision.decoding import check_file, open_images, open_video
+    from pfviz.vision.images import image_size
+
+    check_file(path, limits)
+    if image_size(path) is not None:
+        return open_images(display_name(path), [path], limits, frame_rate)
+    return open_video(path, limits)
+
+
+def end_note(source: VideoSource) -> str | None:
+    """Why ``source`` ended too early, where it did and knows why."""
+    return getattr(source, "end_note", None)
 
 
 def suggested_box(source: VideoSource, index: int = 0) -> Box | None:
@@ -120,27 +172,49 @@ def _camera_number(name: str) -> int:
     return int(number)
 
 
-class _FrameCache:
-    """The most recently used frames, up to a number of bytes."""
+class FrameCache:
+    """The most recently used frames, up to a number of bytes. Threads may share it."""
 
-    def __init__(self, limit_bytes: int = _CACHE_BYTES) -> None:
+    def __init__(self, limit_bytes: int = CACHE_BYTES) -> None:
         self._limit = limit_bytes
+        self._bytes = 0
         self._frames: OrderedDict[int, Image] = OrderedDict()
+        self._lock = threading.Lock()
+
+    @property
+    def nbytes(self) -> int:
+        """What the frames take."""
+        return self._bytes
+
+    def __contains__(self, index: int) -> bool:
+        return index in self._frames
 
     def get(self, index: int) -> Image | None:
-        if index in self._frames:
-            self._frames.move_to_end(index)
-        return self._frames.get(index)
+        """Frame ``index`` if it is still there."""
+        with self._lock:
+            if index in self._frames:
+                self._frames.move_to_end(index)
+            return self._frames.get(index)
 
     def put(self, index: int, image: Image) -> Image:
+        """Keep ``image``, which can no longer be written to, and drop the least recently used beyond the limit.
+
+        Two are kept whatever their size.
+        """
         image.flags.writeable = False
-        self._frames[index] = image
-        while len(self._frames) > max(2, self._limit // image.nbytes):
-            self._frames.popitem(last=False)
+        with self._lock:
+            dropped = self._frames.pop(index, None)
+            self._bytes += image.nbytes - (0 if dropped is None else dropped.nbytes)
+            self._frames[index] = image
+            while self._bytes > self._limit and len(self._frames) > 2:
+                self._bytes -= self._frames.popitem(last=False)[1].nbytes
         return image
 
     def clear(self) -> None:
-        self._frames.clear()
+        """Drop them all."""
+        with self._lock:
+            self._frames.clear()
+            self._bytes = 0
 
 
 def silence_opencv() -> None:
@@ -159,115 +233,10 @@ def _frame_rate(capture: cv2.VideoCapture) -> float:
     return rate if np.isfinite(rate) and 1.0 <= rate <= 1000.0 else DEFAULT_FRAME_RATE
 
 
-class VideoFile:
-    """A video file, decoded by OpenCV.
-
-    Reading on is fast. Going back seeks, and checks by the time stamp that the frame is the one that stood
-    there before; where the container seeks inexactly, the file is decoded again from its beginning.
-
-    Raises:
-        VideoError: if the file is missing, empty, a folder, not a video, or has no frame that decodes.
-    """
-
-    def __init__(self, path: str | os.PathLike[str]) -> None:
-        self._path = Path(path)
-        self.name = self._path.name
-        self._cache = _FrameCache()
-        self._times: list[float] = []
-        self._capture = self._open()
-        self._next = 0
-        self._count = int(self._capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        self._end: int | None = None
-        self.frame_rate = _frame_rate(self._capture)
-        try:
-            height, width = self.read(0).shape[:2]
-        except EndOfVideo:
-            self.close()
-            raise VideoError(f"{self._path}: no frame of this video can be decoded") from None
-        self.size = (width, height)
-
-    def _open(self) -> cv2.VideoCapture:
-        path = self._path
-        if not path.exists():
-            raise VideoError(f"{path}: no such file")
-        if path.is_dir():
-            raise VideoError(f"{path}: is a folder, not a video file")
-        if path.is_file() and path.stat().st_size == 0:
-            raise VideoError(f"{path}: the file is empty")
-        if not os.access(path, os.R_OK):
-            raise VideoError(f"{path}: not readable (permission denied)")
-        capture = _capture(str(path), cv2.CAP_FFMPEG)
-        if not capture.isOpened():
-            raise VideoError(f"{path}: not a video file that can be decoded")
-        return capture
-
-    @property
-    def frame_count(self) -> int | None:
-        if self._end is not None:
-            return self._end
-        return max(self._count, len(self._times)) if self._count > 0 else None
-
-    def read(self, index: int) -> Image:
-        if index < 0:
-            raise EndOfVideo(f"{self.name}: there is no frame {index}")
-        cached = self._cache.get(index)
-        if cached is not None:
-            return cached
-        if self._end is None or index < self._end:
-            self._seek(index)
-            image = self._decode()
-            if image is not None:
-                return self._cache.put(index, image)
-        raise EndOfVideo(f"{self.name}: there is no frame {index}, the video ends after {self._end} frames")
-
-    def truth(self, index: int) -> Truth | None:
-        return None
-
-    def close(self) -> None:
-        self._capture.release()
-        self._cache.clear()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
-
-    def _seek(self, index: int) -> None:
-        """Bring the decoder to where the next frame is ``index`` (or to the end, if that comes first)."""
-        if index < self._next and not self._jump(index):
-            self._capture.release()
-            self._capture = self._open()
-            self._next = 0
-        while self._next < index and self._grab():
-            pass
-
-    def _jump(self, index: int) -> bool:
-        """Seek to a frame that was read before; whether the frame before it proved to be the right one."""
-        before = index - 1
-        if before < 0 or not self._capture.set(cv2.CAP_PROP_POS_FRAMES, before) or not self._capture.grab():
-            return False
-        self._next = index
-        return abs(self._capture.get(cv2.CAP_PROP_POS_MSEC) - self._times[before]) < 0.5
-
-    def _grab(self) -> bool:
-        if not self._capture.grab():
-            self._end = self._next
-            return False
-        if self._next == len(self._times):
-            self._times.append(self._capture.get(cv2.CAP_PROP_POS_MSEC))
-        self._next += 1
-        return True
-
-    def _decode(self) -> Image | None:
-        if not self._grab():
-            return None
-        decoded, image = self._capture.retrieve()
-        return np.asarray(image, dtype=np.uint8) if decoded else None
-
-
 class Camera:
     """A camera. Its frames are numbered as they are read, and only recent ones can be read again.
+
+    Threads may share it.
 
     Raises:
         VideoError: if the camera cannot be opened or gives no frame.
@@ -277,7 +246,8 @@ class Camera:
 
     def __init__(self, number: int) -> None:
         self.name = f"camera:{number}"
-        self._cache = _FrameCache()
+        self._cache = FrameCache()
+        self._lock = threading.Lock()
         self._capture = _capture(number, cv2.CAP_ANY)
         self._next = 0
         if not self._capture.isOpened():
@@ -286,27 +256,37 @@ class Camera:
         height, width = self.read(0).shape[:2]
         self.size = (width, height)
 
+    @property
+    def latest(self) -> int:
+        """The index of the newest frame."""
+        return self._next - 1
+
     def read(self, index: int) -> Image:
         cached = self._cache.get(index)
         if cached is not None:
             return cached
-        if index < self._next:
-            raise VideoError(f"{self.name}: frame {index} is no longer kept, a camera cannot go back so far")
+        with self._lock:
+            return self._read_on(index)
+
+    def _read_on(self, index: int) -> Image:
+        """The newest frame, which has to be ``index``, unless another thread has just read that."""
         while self._next <= index:
             read, image = self._capture.read()
             if not read:
                 raise VideoError(f"{self.name}: the camera gives no more frames")
             self._cache.put(self._next, np.asarray(image, dtype=np.uint8))
             self._next += 1
-        latest = self._cache.get(index)
-        assert latest is not None
-        return latest
+        kept = self._cache.get(index)
+        if kept is None:
+            raise VideoError(f"{self.name}: frame {index} is no longer kept, a camera cannot go back so far")
+        return kept
 
     def truth(self, index: int) -> Truth | None:
         return None
 
     def close(self) -> None:
-        self._capture.release()
+        with self._lock:
+            self._capture.release()
         self._cache.clear()
 
     def __enter__(self) -> Self:
