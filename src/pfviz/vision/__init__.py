@@ -2,6 +2,8 @@
 
 from pfviz.vision.drawing import VideoWriter, draw_track
 from pfviz.vision.limits import Limits, display_name
+from pfviz.vision.presence import AT_START, NOT_YET_FOUND, Presence, PresenceRule
+from pfviz.vision.restart import Restarting
 from pfviz.vision.shared import SharedVideo
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track, write_csv
 from pfviz.vision.tracker import (
@@ -24,11 +26,16 @@ from pfviz.vision.video import (
 )
 
 __all__ = [
+    "AT_START",
     "CSV_HEADER",
     "DEFAULT_MODEL",
     "MODELS",
+    "NOT_YET_FOUND",
     "EndOfVideo",
     "Limits",
+    "Presence",
+    "PresenceRule",
+    "Restarting",
     "SharedVideo",
     "TrackEstimate",
     "TrackedFrame",

@@ -11,6 +11,7 @@ from typing import TextIO
 from pfviz.filters.registry import Filter
 from pfviz.randomness import step_rng
 from pfviz.record import StepRecord
+from pfviz.vision.presence import AT_START, NOT_YET_FOUND, Presence, Status
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import Image, VideoSource, frames
 
@@ -39,6 +40,7 @@ class TrackedFrame:
         record: what the filter did.
         estimate: where the object is.
         milliseconds: what the frame took, without reading it.
+        presence: whether the object is there at all.
     """
 
     frame: int
@@ -46,6 +48,12 @@ class TrackedFrame:
     record: StepRecord
     estimate: TrackEstimate
     milliseconds: float
+    presence: Presence = AT_START
+
+    @property
+    def status(self) -> Status:
+        """ "tracked" or "lost"."""
+        return self.presence.status
 
     @property
     def row(self) -> tuple[float, ...]:
@@ -69,16 +77,27 @@ def track(
     """Run ``filter`` over ``source`` from ``start_frame`` (time 1) to its end.
 
     The prior is that of the frame before, so the start frame is the first to be predicted and weighed. The
-    step at time t draws from ``step_rng(seed, t)``, so that any step can be replayed.
+    step at time t draws from ``step_rng(seed, t)`` and is that of ``model.given`` the presence before it, so that any
+    step can be replayed.
+
+    Args:
+        source: the video.
+        model: of the object. Where the run begins before the object has come into view, or where it is not known,
+            pass ``model.given(NOT_YET_FOUND)``.
+        filter: what runs. Pass ``Restarting(filter)`` to look for the object whenever it is lost.
+        seed: of the run.
+        start_frame: the first frame.
     """
+    presence = NOT_YET_FOUND if model.searching else AT_START
     particles = filter.initial(step_rng(seed, 0), model)
     for t, (index, image) in enumerate(frames(source, start_frame), start=1):
         began = perf_counter()
-        record = filter.step(step_rng(seed, t), model, particles, model.observe(image))
+        record = filter.step(step_rng(seed, t), model.given(presence), particles, model.observe(image))
         estimate = model.estimate(record)
+        presence = model.presence(presence, record)
         elapsed = 1000.0 * (perf_counter() - began)
         particles = record.posterior
-        yield TrackedFrame(index, image, record, estimate, elapsed)
+        yield TrackedFrame(index, image, record, estimate, elapsed, presence)
 
 
 def write_csv(stream: TextIO, tracked: Iterable[TrackedFrame]) -> int:

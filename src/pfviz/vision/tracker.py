@@ -22,6 +22,7 @@ from pfviz.vision.features import (
     working_scale,
 )
 from pfviz.vision.likelihoods import ColourLikelihood, ContourLikelihood
+from pfviz.vision.presence import NOT_YET_FOUND, Presence, PresenceRule, weighed_posterior
 from pfviz.vision.segmentation import box_error, segment
 from pfviz.vision.shapes import (
     DEFAULT_POINTS,
@@ -34,6 +35,8 @@ from pfviz.vision.shapes import (
 from pfviz.vision.video import DEFAULT_FRAME_RATE, Box, Image
 
 DEFAULT_MODEL = "contour+colour"
+_ANYWHERE = np.array([0.3, 0.1])
+_BACKGROUND_PLACES = 256
 MODELS = {
     "contour": "the nearest edge along each normal of the outline (CONDENSATION)",
     "colour": "the object's colours inside the outline, the background's just outside",
@@ -109,6 +112,9 @@ class TrackerModel:
         extractor: of what is measured.
         contour_likelihood: of the edges, None where ``name`` does not use it.
         colour_likelihood: of the colours, None where ``name`` does not use it. With both, the two are multiplied.
+        presence_rule: when the object counts as lost, and as found.
+        searching: whether the object is lost: the prior is then that of an object that may be anywhere in the frame,
+            and a ``Restarting`` filter looks for it.
     """
 
     name: str
@@ -120,6 +126,8 @@ class TrackerModel:
     extractor: FeatureExtractor
     contour_likelihood: ContourLikelihood | None
     colour_likelihood: ColourLikelihood | None
+    presence_rule: PresenceRule
+    searching: bool = False
 
     def observe(self, image: Image) -> FrameFeatures:
         """The features of a BGR ``image`` of the model's size.
@@ -146,10 +154,20 @@ class TrackerModel:
         return observation.proposal
 
     def sample_prior(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """``(count, 2, 4)``: states of the frame before the start, which move on to about ``start``."""
+        """``(count, 2, 4)``: states of the frame before the start, which move on to about ``start``.
+
+        While the model is searching they lie anywhere in the frame, turned and sized a little differently.
+        """
         position, velocity = rng.standard_normal((2, count, 4)) * self.prior_deviation[:, None]
         previous = self.start + position - velocity
+        if self.searching:
+            previous[:, :2] = rng.random((count, 2)) * self.size
+            previous[:, 2:] = self.start[2:] + position[:, 2:] * (_ANYWHERE / self.prior_deviation[0, 2:])
         return np.stack([previous, previous - velocity], axis=1)
+
+    def given(self, presence: Presence) -> TrackerModel:
+        """The model for the step that follows ``presence``: searching unless the object is tracked."""
+        return self if self.searching != presence.tracked else replace(self, searching=not presence.tracked)
 
     def with_noise(self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0) -> TrackerModel:
         """The same model with the standard deviations of its noises multiplied by these factors."""
@@ -161,11 +179,26 @@ class TrackerModel:
             contour_likelihood=contour and contour.with_noise(observation),
             colour_likelihood=colour and colour.with_noise(observation),
             extractor=replace(self.extractor, detector=detector),
+            presence_rule=self.presence_rule.scaled(observation**-2.0),
         )
 
     def estimate(self, record: StepRecord) -> TrackEstimate:
-        """The mean of the posterior's dominant mode; see ``dominant_mean``."""
-        return self.estimate_of(dominant_mean(record.posterior, self.contour.size))
+        """The mean of the posterior's dominant mode, before any restart; see ``dominant_mean``."""
+        return self.estimate_of(dominant_mean(weighed_posterior(record), self.contour.size))
+
+    def score(self, record: StepRecord) -> float:
+        """The log-likelihood of the estimate in its frame; NaN where nothing was observed."""
+        if record.condition == "missing":
+            return float("nan")
+        state = self.estimate(record).state
+        return float(self.log_likelihood(state[None], record.observation)[0])
+
+    def presence(self, before: Presence, record: StepRecord) -> Presence:
+        """Whether the object is tracked or lost after the step of ``record``, from what was believed before it.
+
+        A run begins with ``AT_START``, or with ``NOT_YET_FOUND`` where the object may be absent.
+        """
+        return self.presence_rule.after(before, self.score(record))
 
     def estimate_of(self, state: FloatArray) -> TrackEstimate:
         """A ``state (4,)`` in the terms that are reported."""
@@ -240,7 +273,7 @@ def learn_tracker(
         sigma=extractor.reach / 1.5,
         temper=options.independent_normals / contour.count,
     )
-    return TrackerModel(
+    tracker = TrackerModel(
         name=model,
         contour=contour,
         size=size,
@@ -250,7 +283,19 @@ def learn_tracker(
         extractor=extractor,
         contour_likelihood=normals if "contour" in model else None,
         colour_likelihood=ColourLikelihood.around(contour, options.independent_pixels) if "colour" in model else None,
+        presence_rule=PresenceRule(0.0, -1.0),
     )
+    return replace(tracker, presence_rule=learn_presence(tracker, image))
+
+
+def learn_presence(model: TrackerModel, image: Image) -> PresenceRule:
+    """The levels of score that tell the object in ``image``, where it is at the model's start, from what is not it."""
+    features = model.observe(image)
+    own = float(model.log_likelihood(model.start[None], features)[0])
+    places = model.given(NOT_YET_FOUND).sample_prior(np.random.default_rng(0), _BACKGROUND_PLACES)[:, 0]
+    away = np.hypot(*(places - model.start)[:, :2].T) > model.contour.size
+    elsewhere = places[away] if away.any() else places
+    return PresenceRule(own, float(np.median(model.log_likelihood(elsewhere, features))))
 
 
 def learn_features(image: Image, contour: Contour, start: FloatArray) -> FeatureExtractor:
