@@ -37,6 +37,8 @@ _HEARTBEAT = 0.5
 _FAR = 48
 _STAMP_TOLERANCE = 0.5
 _THREADS = 4
+_SHORT = 0.03
+_NO_MEMORY = -4  # cv::Error::StsNoMem
 
 
 class Unreadable(ValueError):
@@ -146,10 +148,17 @@ class VideoReader:
         return np.ascontiguousarray(image, dtype=np.uint8)
 
     def _finish(self, count: int, note: str | None = None) -> None:
-        missing = self._promised - count
-        if note is None and missing > max(2.0, 0.03 * self._promised):
+        if note is None and self._is_short(count):
             note = f"{self._promised} frames were announced: the file is damaged or cut short"
         self._end, self.count, self.note = count, count, note
+
+    def _is_short(self, count: int) -> bool:
+        """Whether both frames and time are missing of what was announced; often either alone is only estimated."""
+        if self.rate is None or not self._times:
+            return False
+        seconds = (self._times[-1] - self._times[0]) / 1000.0
+        few = self._promised - count > max(2.0, _SHORT * self._promised)
+        return few and seconds < (1.0 - _SHORT) * self._promised / self.rate - 2.0 / self.rate
 
 
 class ImageReader:
@@ -159,8 +168,8 @@ class ImageReader:
         Unreadable: if the first of them cannot be decoded.
     """
 
-    def __init__(self, paths: Sequence[str], max_pixels: int) -> None:
-        self._paths, self._max_pixels = paths, max_pixels
+    def __init__(self, paths: Sequence[str]) -> None:
+        self._paths = paths
         self.rate: float | None = None
         self.count: int | None = len(paths)
         self.note: str | None = None
@@ -173,13 +182,28 @@ class ImageReader:
     def read(self, index: int) -> Image | None:
         if self.count is not None and index >= self.count:
             return None
-        with contextlib.suppress(OSError, cv2.error):
-            coded = np.fromfile(os.fsencode(self._paths[index]), dtype=np.uint8)
-            image = cv2.imdecode(coded, cv2.IMREAD_COLOR) if coded.size else None
-            if image is not None and (self.size == (0, 0) or image.shape[1::-1] == self.size):
-                return np.ascontiguousarray(image, dtype=np.uint8)
+        image = _decoded(self._paths[index])
+        if image is not None and (self.size == (0, 0) or image.shape[1::-1] == self.size):
+            return image
         self.count, self.note = index, f"image {index} cannot be decoded or is of another size"
         return None
+
+
+def _decoded(path: str) -> Image | None:
+    try:
+        coded = np.fromfile(os.fsencode(path), dtype=np.uint8)
+        image = cv2.imdecode(coded, cv2.IMREAD_COLOR) if coded.size else None
+    except OSError:
+        return None
+    except cv2.error as error:
+        if _needs_memory(error):
+            raise
+        return None
+    return None if image is None else np.ascontiguousarray(image, dtype=np.uint8)
+
+
+def _needs_memory(error: Exception) -> bool:
+    return isinstance(error, MemoryError) or getattr(error, "code", 0) == _NO_MEMORY
 
 
 def _check_pixels(width: int, height: int, most: int) -> None:
@@ -246,7 +270,7 @@ class _Answers:
 def open_reader(task: dict[str, Any], alive: Callable[[int], None]) -> Reader:
     """What the first request asks for."""
     if "images" in task:
-        return ImageReader(task["images"], task["max_pixels"])
+        return ImageReader(task["images"])
     return VideoReader(usable_path(task["video"]), task["max_pixels"], alive)
 
 
@@ -285,8 +309,8 @@ def main() -> None:
     except Unreadable as error:
         answers.send({"fail": str(error)})
     except (MemoryError, cv2.error) as error:
-        short = isinstance(error, MemoryError) or "memory" in str(error).lower()
-        answers.send({"fail": "decoding it needs more memory than max_memory" if short else "it cannot be decoded"})
+        trouble = "decoding it needs more memory than max_memory" if _needs_memory(error) else "it cannot be decoded"
+        answers.send({"fail": trouble})
 
 
 if __name__ == "__main__":

@@ -24,7 +24,7 @@ _NO_SIZE_MARKERS = frozenset({0xC4, 0xC8, 0xCC})
 
 def natural_key(path: Path) -> list[tuple[int, int | str]]:
     """Sorts ``frame2.png`` before ``frame10.png``."""
-    parts = re.split(r"([0-9]+)", path.name)
+    parts = re.split(r"([0-9]+)", path.stem)
     return [(0, int(part)) if i % 2 else (1, part.casefold()) for i, part in enumerate(parts)]
 
 
