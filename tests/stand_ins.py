@@ -17,7 +17,8 @@ import numpy as np
 import pytest
 from pfviz_app.cli import main
 from pfviz_app.films import VideoSetup
-from pfviz_app.session import Pick, Picture, Session
+from pfviz_app.picture import Pick, Picture
+from pfviz_app.session import Session
 from pfviz_app.settings import Settings
 
 from pfviz.vision.tracker import TrackerModel, learn_tracker

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 
@@ -52,10 +53,54 @@ class Click:
 
 
 @dataclass(frozen=True, slots=True)
+class Drag:
+    """Take the toy's target to this pixel of the canvas; at the ``end`` of it, let go."""
+
+    x: float
+    y: float
+    end: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Keep:
+    """Keep what is, to compare with what is changed from here on."""
+
+
+@dataclass(frozen=True, slots=True)
+class Select:
+    """Follow what lies in this rectangle of the canvas, from the frame on screen on."""
+
+    left: float
+    top: float
+    right: float
+    bottom: float
+
+
+@dataclass(frozen=True, slots=True)
+class Outline:
+    """Begin to click an outline of what is to be followed, or finish it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Load:
+    """Another video: ``path`` on the server, which is deleted after it is closed; ``name`` as the visitor knows it."""
+
+    path: Path
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
 class Open:
     """Go to what a share code stands for."""
 
     code: str
+
+
+@dataclass(frozen=True, slots=True)
+class Arrange:
+    """Show one of the situations of the gallery."""
+
+    name: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +121,24 @@ class Close:
     """The visitor has left."""
 
 
-Command = Set | Play | Step | Walk | Seek | Click | Open | Reset | Resize | Close
+Command = (
+    Set
+    | Play
+    | Step
+    | Walk
+    | Seek
+    | Click
+    | Drag
+    | Keep
+    | Select
+    | Outline
+    | Load
+    | Open
+    | Arrange
+    | Reset
+    | Resize
+    | Close
+)
 
 
 def merged(commands: Iterable[Command]) -> list[Command]:
@@ -96,4 +158,6 @@ def merged(commands: Iterable[Command]) -> list[Command]:
 def _overrides(later: Command, earlier: Command) -> bool:
     if isinstance(later, Set) and isinstance(earlier, Set):
         return later.field == earlier.field
+    if isinstance(later, Drag) and isinstance(earlier, Drag):
+        return not earlier.end
     return type(later) is type(earlier) and isinstance(later, Seek | Resize)

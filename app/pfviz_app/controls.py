@@ -13,10 +13,11 @@ from pfviz.worlds import WORLDS
 from pfviz_app.algorithms import algorithm
 from pfviz_app.commands import Command, Open, Play, Reset, Seek, Set, Step, Walk
 from pfviz_app.explanations import explanation, legend
+from pfviz_app.picture import Picture
 from pfviz_app.plots import Plots
 from pfviz_app.receipt import Receipt, receipt, receipt_html
-from pfviz_app.session import Picture
-from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings, command_line, encode
+from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings, command_line
+from pfviz_app.share import Shared, encode
 from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
@@ -49,7 +50,7 @@ class Controls:
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: tuple[str, str, bool] | None = None
         self._dark: bool | None = None
-        self._shared: tuple[Settings, int] | None = None
+        self._shared: Shared | None = None
         self._theme(settings.dark)
         self._controls(settings)
         self._text_and_plots()
@@ -93,12 +94,11 @@ class Controls:
 
     def _show_code(self, picture: Picture) -> None:
         """The share code of what is on screen, unless the visitor is typing one or the film runs."""
-        state = (picture.settings, picture.t)
-        if picture.playing or state == self._shared:
+        if picture.playing or picture.shared == self._shared:
             return
-        self._shared = state
-        self._code.value = encode(*state)
-        self._line.value = command_line(*state)
+        self._shared = picture.shared
+        self._code.value = encode(self._shared)
+        self._line.value = command_line(picture.settings, picture.t)
 
     def _explain(self, picture: Picture) -> None:
         s = picture.settings

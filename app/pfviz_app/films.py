@@ -2,20 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+from itertools import islice
+from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 
 from pfviz.exact import Gaussian, GridDensity, GridMarginal
 from pfviz.model import Model
-from pfviz.particles import FloatArray
+from pfviz.particles import FloatArray, readonly
 from pfviz.record import StepRecord
-from pfviz.vision.tracker import TrackerModel, TrackEstimate
-from pfviz.vision.video import EndOfVideo, Image, VideoSource
-from pfviz.worlds import Recording, World
+from pfviz.vision.limits import display_name
+from pfviz.vision.tracker import TrackerModel, TrackEstimate, learn_tracker
+from pfviz.vision.video import EndOfVideo, Image, VideoSource, open_upload
+from pfviz.worlds import World
 
+Point = tuple[float, float]
 TOY_STEPS = 2000
 _KEPT_STATES = 32
 
@@ -40,58 +44,108 @@ class Film(Protocol):
         """
         ...
 
+    def exact(self) -> ExactAnswer | None:
+        """The exact posterior before the first step, where there can be one."""
+        ...
+
     def error(self, t: int, record: StepRecord) -> float:
         """The distance of the estimate from the truth; NaN where the truth is not known."""
         ...
 
 
-class ToyFilm:
-    """A toy world, drawn once for a seed."""
+class ExactAnswer:
+    """The exact posterior of a toy world, followed step by step under the model that the filter believes in.
 
-    def __init__(self, world: World, seed: int) -> None:
-        self.world = world
-        self.recording: Recording = world.record(seed, TOY_STEPS)
-        self._marginals: dict[int, Gaussian | GridMarginal] = {}
-        self._states: dict[int, Gaussian | GridDensity] = {}
+    The densities on a grid are large. Only the latest are kept; one that is needed again is worked out again.
+    """
+
+    def __init__(self, dimension: int, prior: Gaussian) -> None:
+        self._dimension, self._prior = dimension, prior
+        self._states: dict[int, Gaussian | GridDensity] = {0: prior}
+        self._seen: dict[int, tuple[Any, FloatArray]] = {}
+        self._answers: dict[int, tuple[Gaussian | GridMarginal, float]] = {}
+
+    def step(self, t: int, model: Any, observation: FloatArray) -> None:
+        """Go on to time ``t``; what came later is forgotten."""
+        self.rewind(t - 1)
+        self._seen[t] = (model, observation)
+        for time in range(max(self._states) + 1, t + 1):
+            believed, seen = self._seen[time]
+            step = believed.exact_step(self._states[time - 1], seen)
+            if step is None:
+                return
+            self._states[time] = step.posterior
+            marginal = step.posterior.leading(1 if isinstance(step.posterior, GridDensity) else self._dimension)
+            self._answers[time] = (marginal, step.log_evidence)
+        for old in sorted(self._states)[1:-_KEPT_STATES]:
+            del self._states[old]
+
+    def rewind(self, t: int) -> None:
+        """Forget what came after time ``t``."""
+        for kept in (self._states, self._seen, self._answers):
+            for later in [time for time in kept if time > t]:
+                del kept[later]
+
+    def copy(self) -> ExactAnswer:
+        """One that goes its own way from here."""
+        other = ExactAnswer(self._dimension, self._prior)
+        other._states, other._seen, other._answers = dict(self._states), dict(self._seen), dict(self._answers)
+        return other
+
+    def marginal(self, t: int) -> Gaussian | GridMarginal | None:
+        """The exact posterior of the innovation at time ``t``, where there is one."""
+        return self._answers[t][0] if t in self._answers else None
+
+    def log_evidence(self, t: int) -> float:
+        """The exact increment of log p(y_1:t); NaN where there is none."""
+        return self._answers[t][1] if t in self._answers else float("nan")
+
+
+class ToyFilm:
+    """A toy world's course, drawn as far as it is needed. The target can be taken and put elsewhere."""
+
+    def __init__(self, world: World, seed: int, held: Mapping[int, FloatArray] | None = None) -> None:
+        self.world, self._seed = world, seed
+        self._held = {t: readonly(place) for t, place in (held or {}).items()}
+        self._restart()
+
+    def _restart(self) -> None:
+        self._course = self.world.unfold(self._seed, self._held)
+        self._drawn: list[tuple[FloatArray, FloatArray]] = []
 
     @property
     def length(self) -> int:
-        return len(self.recording)
+        return TOY_STEPS
+
+    @property
+    def held(self) -> Mapping[int, FloatArray]:
+        """By time, where a visitor has put the target."""
+        return self._held
+
+    def hold(self, t: int, place: FloatArray) -> None:
+        """Put the target at ``place (k,)`` at time ``t``; from there on it moves as it would have moved."""
+        self._held = {time: where for time, where in self._held.items() if time < t} | {t: readonly(place)}
+        self._restart()
 
     def model(self, system: float, observation: float, proposal: float) -> Model:
         return self.world.model.with_noise(system, observation, proposal)
 
+    def exact(self) -> ExactAnswer:
+        model = self.world.model
+        return ExactAnswer(model.dynamics.dimension, model.prior)
+
     def observe(self, t: int, model: Any) -> FloatArray:
         if t > self.length:
             raise EndOfVideo(f"the recording ends at {self.length}")
-        self._exact_step(t, model)
-        return self.recording.observations[t - 1]
-
-    def exact(self, t: int) -> Gaussian | GridMarginal | None:
-        """The exact posterior of the innovation at time ``t``, by the model that was believed in when it was run."""
-        return self._marginals.get(t)
-
-    def _exact_step(self, t: int, model: Any) -> None:
-        """Follow the exact posterior to time ``t``, from the latest state before it that is still kept."""
-        start = max((known for known in self._states if known < t), default=0)
-        state = self._states.get(start, self.world.model.prior)
-        for now in range(start + 1, t + 1):
-            step = model.exact_step(state, self.recording.observations[now - 1])
-            if step is None:
-                self._marginals.pop(t, None)
-                return
-            state = self._states[now] = step.posterior
-        self._marginals[t] = state.leading(1) if isinstance(state, GridDensity) else state.leading(self._dimension)
-        for old in sorted(self._states)[:-_KEPT_STATES]:
-            del self._states[old]
-
-    @property
-    def _dimension(self) -> int:
-        return self.world.model.dynamics.dimension
+        return self._at(t)[1]
 
     def truth(self, t: int) -> FloatArray:
         """``(k,)``: the true innovation."""
-        return self.recording.truth[t - 1]
+        return self._at(t)[0]
+
+    def _at(self, t: int) -> tuple[FloatArray, FloatArray]:
+        self._drawn.extend(islice(self._course, max(t - len(self._drawn), 0)))
+        return self._drawn[t - 1]
 
     def error(self, t: int, record: StepRecord) -> float:
         return float(np.linalg.norm(record.estimate - self.truth(t)))
@@ -114,12 +168,69 @@ class VideoSetup:
     title: str
 
 
+@dataclass(frozen=True, slots=True)
+class Start:
+    """What a visitor wants to follow.
+
+    Attributes:
+        frame: of the video, in which it was marked.
+        outline: two opposite corners of a box about it, or at least three of its outline, in frame pixels.
+    """
+
+    frame: int
+    outline: tuple[Point, ...]
+
+    def learn(self, source: VideoSource) -> TrackerModel:
+        """The tracker's model of it.
+
+        Raises:
+            ValueError: if there is no such frame, or nothing to follow there.
+        """
+        image = source.read(self.frame)
+        if len(self.outline) != 2:
+            return learn_tracker(image, polygon=self.outline, frame_rate=source.frame_rate)
+        (x0, y0), (x1, y1) = self.outline
+        box = (min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0))
+        return learn_tracker(image, box, frame_rate=source.frame_rate)
+
+
 class VideoFilm:
     """A video and the tracker's model of the object in it."""
 
-    def __init__(self, setup: VideoSetup) -> None:
+    def __init__(self, setup: VideoSetup, source: VideoSource | None = None, start: Start | None = None) -> None:
         self.setup = setup
-        self.source = setup.open()
+        self.source = source or setup.open()
+        self.chosen_start = start
+
+    @classmethod
+    def uploaded(cls, path: Path, name: str) -> VideoFilm:
+        """A visitor's own video. What is in its middle is followed until they mark something.
+
+        Raises:
+            ValueError: if it cannot be read.
+        """
+        source = open_upload(path)
+        try:
+            width, height = source.size
+            middle = Start(0, ((width / 3, height / 3), (2 * width / 3, 2 * height / 3)))
+            setup = VideoSetup(lambda: source, middle.learn(source), 0, f"Video: {display_name(name)}")
+        except Exception:
+            source.close()
+            raise
+        return cls(setup, source)
+
+    def following(self, start: Start) -> VideoFilm:
+        """The same video from the frame in which something else is marked to be followed.
+
+        Raises:
+            ValueError: if there is nothing to follow there.
+        """
+        setup = replace(self.setup, model=start.learn(self.source), start_frame=start.frame)
+        return VideoFilm(setup, self.source, start)
+
+    def frame_index(self, t: int) -> int:
+        """The frame of the video that is seen at time ``t``."""
+        return self.setup.start_frame + max(t, 1) - 1
 
     @property
     def length(self) -> int | None:
@@ -131,14 +242,17 @@ class VideoFilm:
 
     def image(self, t: int) -> Image:
         """The BGR frame at time ``t``."""
-        return self.source.read(self.setup.start_frame + t - 1)
+        return self.source.read(self.frame_index(t))
+
+    def exact(self) -> None:
+        return None
 
     def observe(self, t: int, model: TrackerModel) -> Any:
         return model.observe(self.image(t))
 
     def truth(self, t: int) -> TrackEstimate | None:
         """Where the object really is, where the source knows it."""
-        truth = self.source.truth(self.setup.start_frame + t - 1)
+        truth = self.source.truth(self.frame_index(t))
         start = self.source.truth(self.setup.start_frame)
         if truth is None or start is None:
             return None
@@ -147,7 +261,7 @@ class VideoFilm:
         return self.setup.model.estimate_of(state)
 
     def error(self, t: int, record: StepRecord) -> float:
-        truth = self.source.truth(self.setup.start_frame + t - 1)
+        truth = self.source.truth(self.frame_index(t))
         if truth is None:
             return float("nan")
         estimate = self.setup.model.estimate(record)

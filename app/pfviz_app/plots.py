@@ -11,8 +11,8 @@ import viser
 from viser import uplot
 
 from pfviz.particles import FloatArray
+from pfviz_app.picture import Picture
 from pfviz_app.room import Room
-from pfviz_app.session import Picture
 from pfviz_app.settings import Settings
 from pfviz_app.stage.palette import DARK, LIGHT, Rgb
 

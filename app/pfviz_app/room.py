@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from copy import copy
 from dataclasses import dataclass
 from time import perf_counter
 from typing import Generic, TypeVar
@@ -28,12 +29,14 @@ class Outcome:
         filter_name: of the filter that ran.
         model: that the filter believed in.
         error: distance of the estimate from the truth; NaN where the truth is not known.
+        log_evidence: the estimate of log p(y_1:t) so far; NaN from where the filter defines none.
         milliseconds: what the step took, observation included.
     """
 
     filter_name: str
     model: Model
     error: float
+    log_evidence: float
     milliseconds: float
 
 
@@ -46,6 +49,7 @@ class Room(Generic[F]):
         self._outcomes: list[Outcome] = []
         self.configure(filter_name, model, n_particles)
         self.trace = Trace(self._filter.initial(step_rng(seed, 0), model), _TRACE_BYTES)
+        self.exact = film.exact()
 
     def configure(self, filter_name: str, model: Model, n_particles: int) -> None:
         """Use another filter or model from the next step on."""
@@ -64,8 +68,13 @@ class Room(Generic[F]):
         observation = self.film.observe(t, self._model)
         record = self._filter.step(step_rng(self._seed, t), self._model, particles, observation)
         elapsed = 1000.0 * (perf_counter() - began)
+        if self.exact is not None:
+            self.exact.step(t, self._model, observation)
         self.trace.append(record)
-        self._outcomes.append(Outcome(self._filter_name, self._model, self.film.error(t, record), elapsed))
+        so_far = self._outcomes[-1].log_evidence if self._outcomes else 0.0
+        log_evidence = so_far + (np.nan if record.log_evidence is None else record.log_evidence)
+        error = self.film.error(t, record)
+        self._outcomes.append(Outcome(self._filter_name, self._model, error, log_evidence, elapsed))
         return record
 
     def outcome(self, t: int) -> Outcome:
@@ -76,6 +85,16 @@ class Room(Generic[F]):
         """Forget what came after time ``t``."""
         self.trace.truncate(t)
         del self._outcomes[t:]
+        if self.exact is not None:
+            self.exact.rewind(t)
+
+    def fork(self, t: int) -> Room[F]:
+        """A room with the same records up to time ``t``, which goes its own way from there."""
+        other = copy(self)
+        other.trace, other._outcomes = self.trace.copy(), list(self._outcomes)
+        other.exact = self.exact and self.exact.copy()
+        other.rewind(t)
+        return other
 
     def _resized(self, particles: ParticleSet, t: int) -> ParticleSet:
         """As many particles as are wanted now, drawn from those there are."""
@@ -96,3 +115,8 @@ class Room(Generic[F]):
     @property
     def effective_sample_sizes(self) -> np.ndarray:
         return np.array([record.effective_sample_size for record in self.trace])
+
+    @property
+    def log_evidences(self) -> np.ndarray:
+        """log p(y_1:t), as the filter estimates it, at the times recorded; NaN from where it defines none."""
+        return np.array([outcome.log_evidence for outcome in self._outcomes[self.trace.first - 1 :]])

@@ -16,12 +16,15 @@ from functools import partial
 import viser
 
 from pfviz import kernels
+from pfviz.particles import FloatArray
+from pfviz.vision.shared import SharedVideo
 from pfviz.vision.video import open_source
 from pfviz.worlds import get_world
-from pfviz_app.commands import Click, Resize
+from pfviz_app.commands import Click, Drag, Resize
 from pfviz_app.controls import Controls
-from pfviz_app.films import VideoSetup
-from pfviz_app.session import Pick, Picture, Session
+from pfviz_app.films import Point, VideoSetup
+from pfviz_app.picture import Pick, Picture
+from pfviz_app.session import Session
 from pfviz_app.settings import Settings
 from pfviz_app.stage.stage import Stage
 from pfviz_app.start_box import learn_from_start
@@ -37,7 +40,7 @@ class Visitor:
     """A visitor's screen and session; satisfies ``View``."""
 
     def __init__(self, client: viser.ClientHandle, settings: Settings, video: VideoSetup) -> None:
-        self._stage = Stage(client)
+        self._stage = Stage(client, self._grabbed)
         self._stage.resize(client.camera.image_width, client.camera.image_height)
         self.session = Session(settings, video, self)
         self._controls = Controls(client, settings, self.session.post, self.session.idle)
@@ -54,6 +57,15 @@ class Visitor:
 
     def pick(self, x: float, y: float) -> Pick | None:
         return self._stage.pick(x, y)
+
+    def toy_place(self, x: float, y: float) -> FloatArray | None:
+        return self._stage.toy_place(x, y)
+
+    def frame_place(self, x: float, y: float) -> Point | None:
+        return self._stage.frame_place(x, y)
+
+    def _grabbed(self, x: float, y: float, end: bool) -> None:
+        self.session.post(Drag(x, y, end))
 
     def _clicked(self, event: viser.SceneClickEvent) -> None:
         camera = event.client.camera
@@ -154,7 +166,7 @@ def prepare_video(source: str, box: tuple[float, float, float, float] | None, st
     with open_source(source) as video:
         model = learn_from_start(video, box, start_frame)
         title = f"Video: {video.name}"
-    return VideoSetup(partial(open_source, source), model, start_frame, title)
+    return VideoSetup(SharedVideo(partial(open_source, source)).open, model, start_frame, title)
 
 
 def _settings(options: argparse.Namespace) -> Settings:

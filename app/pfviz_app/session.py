@@ -9,79 +9,46 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable
-from contextlib import nullcontext, suppress
-from dataclasses import dataclass, replace
-from typing import Any, Literal, Protocol
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
-from pfviz import kernels
-from pfviz.vision.video import EndOfVideo
+import numpy as np
+
+from pfviz.particles import FloatArray
+from pfviz.vision.video import EndOfVideo, end_note
 from pfviz.worlds import get_world
-from pfviz_app.commands import Click, Close, Command, Open, Play, Reset, Resize, Seek, Set, Step, Walk, merged
-from pfviz_app.films import ToyFilm, VideoFilm, VideoSetup
-from pfviz_app.room import Room
-from pfviz_app.settings import SettingError, Settings, decode
+from pfviz_app.commands import (
+    Click,
+    Close,
+    Command,
+    Drag,
+    Keep,
+    Load,
+    Open,
+    Outline,
+    Play,
+    Reset,
+    Resize,
+    Seek,
+    Select,
+    Set,
+    Step,
+    Walk,
+    merged,
+)
+from pfviz_app.films import Point, Start, ToyFilm, VideoFilm, VideoSetup
+from pfviz_app.lane import Lane
+from pfviz_app.picture import Picture, View
+from pfviz_app.settings import ITSELF, NOBODY, RUNNING, SettingError, Settings
+from pfviz_app.share import Shared, decode
 
 log = logging.getLogger(__name__)
 
-_RUNNING = {"filter", "toy_particles", "tracker_particles", "system", "observation", "proposal"}
-"""Settings that change how a step is run."""
-
-
-@dataclass(frozen=True, slots=True)
-class Pick:
-    """One particle of the step on screen.
-
-    Attributes:
-        room: "toy" or "tracker".
-        index: among the particles as they were weighed.
-    """
-
-    room: Literal["toy", "tracker"]
-    index: int
-
-
-@dataclass(frozen=True, slots=True)
-class Picture:
-    """All that a view needs to draw.
-
-    Attributes:
-        settings: as the visitor has set them.
-        toy: the toy room.
-        tracker: the tracker's room.
-        t: the time that is shown.
-        stage: the last stage of its iteration that is shown; None when all are, and the posterior with them.
-        last: the last time recorded.
-        chosen: the particle that the visitor has clicked.
-        playing: whether the session runs on.
-        message: what went wrong or has ended, in a sentence; empty when all is well.
-    """
-
-    settings: Settings
-    toy: Room[ToyFilm]
-    tracker: Room[VideoFilm]
-    t: int
-    stage: int | None
-    last: int
-    chosen: Pick | None
-    playing: bool
-    message: str
-
-
-class View(Protocol):
-    """What a session draws on."""
-
-    def draw(self, picture: Picture) -> None:
-        """Show the picture."""
-        ...
-
-    def resize(self, width: int, height: int) -> None:
-        """Lay out for a canvas of this size, in pixels."""
-        ...
-
-    def pick(self, x: float, y: float) -> Pick | None:
-        """What was drawn at this pixel of the canvas."""
-        ...
+_PROGRESS_PERIOD = 0.25
+_Held = Mapping[int, FloatArray]
 
 
 class Session:
@@ -89,18 +56,18 @@ class Session:
 
     def __init__(self, settings: Settings, video: VideoSetup, view: View) -> None:
         self._settings = settings
-        self._video = video
         self._view = view
         self._queue: queue.SimpleQueue[Command] = queue.SimpleQueue()
+        self._waiting: list[Command] = []
         self._tracker_film = VideoFilm(video)
         self._playing = False
-        self._message = ""
-        self._t = 0
-        self._stage: int | None = None
-        self._chosen: Pick | None = None
         self._due = 0.0
         self._closed = False
-        self._start_rooms()
+        self._grip: FloatArray | None = None
+        self._outline: tuple[Point, ...] | None = None
+        self._progress: float | None = None
+        self._drawn_at = 0.0
+        self._start()
         self._thread = threading.Thread(target=self._work, name="pfviz-session", daemon=True)
 
     def start(self) -> None:
@@ -120,7 +87,7 @@ class Session:
 
     def idle(self) -> bool:
         """Whether nothing is asked for that has not been begun; if not, another picture will be drawn."""
-        return self._queue.empty()
+        return self._queue.empty() and not self._waiting
 
     @property
     def alive(self) -> bool:
@@ -144,7 +111,7 @@ class Session:
             action(*arguments)
         except Exception as error:
             log.exception("a session's step failed")
-            self._playing = False
+            self._playing, self._progress = False, None
             self._message = f"Paused: {error}"
             with suppress(Exception):
                 self._draw()
@@ -152,12 +119,22 @@ class Session:
     def _next_commands(self) -> list[Command]:
         """What has been asked for; waits for it, but while playing no longer than until the next step."""
         wait = max(self._due - time.monotonic(), 0.0) if self._playing else None
-        commands: list[Command] = []
+        if not self._waiting:
+            with suppress(queue.Empty):
+                self._waiting.append(self._queue.get(timeout=wait))
+        self._fetch()
+        commands, self._waiting = merged(self._waiting), []
+        return commands
+
+    def _fetch(self) -> None:
         with suppress(queue.Empty):
-            commands.append(self._queue.get(timeout=wait))
             while True:
-                commands.append(self._queue.get_nowait())
-        return merged(commands)
+                self._waiting.append(self._queue.get_nowait())
+
+    def _interrupted(self) -> bool:
+        """Whether something has been asked for meanwhile that ends what takes long."""
+        self._fetch()
+        return any(not isinstance(command, Resize | Click | Drag) for command in self._waiting)
 
     def _obey(self, command: Command) -> None:
         match command:
@@ -175,11 +152,21 @@ class Session:
                 self._playing = False
                 self._seek(t)
             case Click(x, y):
-                self._chosen = self._view.pick(x, y)
+                self._click(x, y)
+            case Drag(x, y, end):
+                self._drag(x, y, end)
+            case Keep():
+                self._unless_refused(self._set, "rival", ITSELF)
+            case Select(left, top, right, bottom):
+                self._unless_refused(self._select, (left, top), (right, bottom))
+            case Outline():
+                self._unless_refused(self._draw_outline)
+            case Load(path, name):
+                self._unless_refused(self._load, path, name)
             case Open(code):
                 self._unless_refused(self._open, code)
             case Reset():
-                self._start_rooms()
+                self._restart()
             case Resize(width, height):
                 self._view.resize(width, height)
             case Close():
@@ -200,21 +187,102 @@ class Session:
         if field == "world":
             self._settings = replace(settings, toy_particles=get_world(settings.world).n_particles)
         if field in ("world", "seed"):
-            self._start_rooms()
-        elif field in _RUNNING:
-            self._configure_rooms()
+            self._restart()
+        elif field == "rival":
+            self._compare()
+        elif field in RUNNING:
             self._redo()
 
-    def _open(self, code: str) -> None:
-        """Bring back what was shared: its settings, and its film up to its time."""
-        self._settings, t = decode(code)
-        self._playing = False
-        self._start_rooms()
-        self._step(t)
+    # The lanes
+
+    def _start(self, first: Settings | None = None, rival: Settings | None = None, held: _Held | None = None) -> None:
+        """Begin at time 0, with these settings for the first step, by default those of now."""
+        s = first or self._settings
+        self._message, self._t, self._stage, self._chosen, self._grip = "", 0, None, None, None
+        film = ToyFilm(get_world(s.world), s.seed, held)
+        self._lane = Lane(s, film, self._tracker_film)
+        rival = rival or self._rival_settings(s)
+        self._rival = Lane(rival, film, self._tracker_film) if rival else None
+
+    def _restart(self) -> None:
+        kept = self._rival.settings if self._rival and self._settings.rival == ITSELF else None
+        s = self._settings
+        self._start(rival=kept and replace(kept, world=s.world, seed=s.seed, toy_particles=s.toy_particles))
+
+    def _rival_settings(self, settings: Settings) -> Settings | None:
+        """Those of the filter that is compared with, which are ours but for the filter."""
+        if settings.rival == NOBODY:
+            return None
+        return settings if settings.rival == ITSELF else replace(settings, filter=settings.rival)
+
+    @property
+    def _lanes(self) -> tuple[Lane, ...]:
+        return (self._lane,) if self._rival is None else (self._lane, self._rival)
+
+    def _compare(self) -> None:
+        """Run the filter that is compared with from the start, under the settings that each step was run with."""
+        s, chosen = self._settings, self._chosen
+        self._chosen = None if chosen and chosen.rival else chosen
+        if s.rival == NOBODY:
+            self._rival = None
+        elif s.rival == ITSELF:
+            self._rival = self._lane.fork(self._lane.last)
+        else:
+            log = self._lane.log[: self._t]
+            first = replace(log[0] if log else s, filter=s.rival)
+            self._rival = Lane(first, self._lane.toy.film, self._tracker_film)
+            self._run(self._rival, [replace(settings, filter=s.rival) for settings in log])
+            self._rival.configure(replace(s, filter=s.rival))
+
+    def _run(self, lane: Lane, script: Sequence[Settings]) -> None:
+        """Steps under these settings; shows how far it is, and stops when something else is asked for."""
+        for done, settings in enumerate(script):
+            if self._interrupted():
+                self._message = f"Interrupted at step {done} of {len(script)}."
+                break
+            lane.configure(settings)
+            lane.step()
+            self._show_progress(done / len(script))
+        self._progress = None
+
+    def _show_progress(self, share: float) -> None:
+        if time.monotonic() - self._drawn_at > _PROGRESS_PERIOD:
+            self._progress, self._t = share, min(self._t, self._last)
+            self._draw()
+
+    def _redo(self) -> None:
+        """Run the step on screen once more, with the settings as they are now and the same random numbers.
+
+        What was recorded after it is forgotten. While playing, the settings hold from the next step on. A lane that is
+        kept to compare with stays as it is.
+        """
+        lanes = self._lanes if self._settings.rival != ITSELF else (self._lane,)
+        if self._t == 0:
+            kept = self._rival if len(lanes) < len(self._lanes) else None
+            self._start(held=self._lane.toy.film.held)
+            self._rival = kept or self._rival
+            return
+        self._lane.configure(self._settings)
+        rival = self._rival_settings(self._settings)
+        if self._rival and rival and self._rival in lanes:
+            self._rival.configure(rival)
+        self._rerun(lanes)
+
+    def _rerun(self, lanes: Sequence[Lane]) -> None:
+        if self._playing or self._t == self._earliest:
+            for lane in lanes:
+                lane.rewind(self._t)
+            return
+        self._seek(self._t - 1)
+        for lane in lanes:
+            lane.rewind(self._t)
+        self._advance()
+
+    # Time
 
     def _play(self, on: bool) -> None:
         if on and self._ended:
-            self._start_rooms()
+            self._restart()
         self._playing, self._due = on, time.monotonic()
 
     def _step(self, count: int) -> None:
@@ -224,64 +292,32 @@ class Session:
             if not self._advance():
                 break
 
-    def _start_rooms(self) -> None:
-        s = self._settings
-        self._message, self._t, self._stage, self._chosen = "", 0, None, None
-        self._plain = not kernels.compiled_ready()
-        film = ToyFilm(get_world(s.world), s.seed)
-        noises = (s.system, s.observation, s.proposal)
-        self._toy = Room(film, s.filter, film.model(*noises), s.toy_particles, s.seed)
-        tracker_model = self._tracker_film.model(*noises)
-        self._tracker = Room(self._tracker_film, s.filter, tracker_model, s.tracker_particles, s.seed)
-
-    def _configure_rooms(self) -> None:
-        s = self._settings
-        noises = (s.system, s.observation, s.proposal)
-        self._toy.configure(s.filter, self._toy.film.model(*noises), s.toy_particles)
-        self._tracker.configure(s.filter, self._tracker_film.model(*noises), s.tracker_particles)
-
-    def _redo(self) -> None:
-        """Run the step on screen once more, with the settings as they are now and the same random numbers.
-
-        What was recorded after it is forgotten. While playing, the settings hold from the next step on.
-        """
-        if self._t == 0:
-            self._start_rooms()
-        elif self._playing or self._t == self._earliest:
-            self._rewind(self._t)
-        else:
-            self._seek(self._t - 1)
-            self._rewind(self._t)
-            self._advance()
-
     def _advance(self) -> bool:
         """One step on, if there is one: replayed from the record, or run where nothing is recorded yet."""
         self._message = ""
-        if self._t == self._last:
-            try:
-                with kernels.use_numpy() if self._plain else nullcontext():
-                    self._tracker.step()
-                    self._toy.step()
-            except EndOfVideo:
-                self._playing, self._message = (
-                    False,
-                    f"The film ends here, at step {self._t}. Play starts it again.",
-                )
-                return False
-            finally:
-                self._rewind(self._last)
+        if self._grip is not None and self._t < self._lane.toy.film.length:
+            for lane in self._lanes:
+                lane.rewind(self._t)
+            self._lane.toy.film.hold(self._t + 1, self._grip)
+        try:
+            for lane in self._lanes:
+                if lane.last == self._t:
+                    lane.step()
+        except EndOfVideo:
+            self._playing = False
+            note = end_note(self._tracker_film.source)
+            self._message = (
+                f"The film ends here, at step {self._t}{(note and f' ({note})') or ''}. Play starts it again."
+            )
+            return False
         self._t, self._stage, self._chosen = self._t + 1, None, None
         return True
-
-    def _rewind(self, t: int) -> None:
-        """Forget what came after time ``t``, in both rooms."""
-        self._toy.rewind(t)
-        self._tracker.rewind(t)
 
     def _walk(self, count: int) -> None:
         """Stage by stage: forward into the next iteration after the posterior, back into the last one."""
         for _ in range(abs(count)):
-            stages = max(len(room.trace[self._t].stages) for room in (self._toy, self._tracker)) if self._t else 0
+            rooms = [room for lane in self._lanes for room in lane.rooms]
+            stages = max(len(room.trace[self._t].stages) for room in rooms) if self._t else 0
             if count > 0 and (self._stage is None or not stages):
                 self._stage = 0 if self._advance() else None
             elif count > 0 and self._stage is not None:
@@ -300,30 +336,126 @@ class Session:
 
     @property
     def _earliest(self) -> int:
-        """The earliest time that can be shown: 0, unless the first records had to be forgotten."""
-        first = max(self._toy.trace.first, self._tracker.trace.first)
-        return 0 if first == 1 else first
+        return max(lane.earliest for lane in self._lanes)
 
     @property
     def _last(self) -> int:
-        return min(self._toy.trace.last, self._tracker.trace.last)
+        return min(lane.last for lane in self._lanes)
 
     @property
     def _ended(self) -> bool:
-        lengths = (self._toy.film.length, self._tracker_film.length)
+        lengths = (self._lane.toy.film.length, self._tracker_film.length)
         return any(length is not None and self._t >= length for length in lengths)
 
+    # What a visitor takes hold of
+
+    def _click(self, x: float, y: float) -> None:
+        if self._outline is None:
+            self._chosen = self._view.pick(x, y)
+        elif (place := self._view.frame_place(x, y)) is not None:
+            self._outline = (*self._outline, place)
+
+    def _drag(self, x: float, y: float, end: bool) -> None:
+        """Put the target where the pointer is: in the step on screen, or while playing in every step to come."""
+        place = self._view.toy_place(x, y)
+        if self._playing:
+            self._grip = None if end else place
+        elif place is not None and self._t > self._earliest and not end:
+            self._lane.toy.film.hold(self._t, place)
+            self._rerun(self._lanes)
+
+    def _select(self, *corners: Point) -> None:
+        """Follow what lies between two opposite corners, from the frame on screen on."""
+        places = [self._view.frame_place(*corner) for corner in corners]
+        if places[0] is None or places[1] is None:
+            raise SettingError("Draw the rectangle inside the video, about what is to be followed.")
+        self._follow((places[0], places[1]))
+
+    def _draw_outline(self) -> None:
+        """Begin to click an outline, or follow what it encloses."""
+        corners, self._outline = self._outline, None
+        if corners is None:
+            self._playing, self._outline = False, ()
+            self._message = "Click along the outline of what is to be followed, then press the button again."
+        elif len(corners) < 3:
+            raise SettingError(f"An outline needs at least 3 corners, got {len(corners)}.")
+        else:
+            self._follow(corners)
+
+    def _follow(self, outline: tuple[Point, ...]) -> None:
+        film = self._tracker_film
+        try:
+            self._tracker_film = film.following(Start(film.frame_index(self._t), outline))
+        except ValueError as error:
+            raise SettingError(f"There is nothing to follow there: {error}") from None
+        self._playing = False
+        self._restart()
+        self._message = "This is its outline. Play follows it."
+
+    def _load(self, path: Path, name: str) -> None:
+        """Another video, shown at its first frame."""
+        try:
+            film = VideoFilm.uploaded(path, name)
+        except ValueError as error:
+            raise SettingError(str(error)) from None
+        self._tracker_film.close()
+        self._tracker_film, self._playing = film, False
+        self._restart()
+        self._message = "Now mark what to follow: press Select in the picture and drag a rectangle about it."
+
+    # What is opened
+
+    def _open(self, code: str) -> None:
+        """Bring back what was shared, step by step."""
+        shared = decode(code)
+        film = self._tracker_film
+        if shared.start is not None and shared.start != film.chosen_start:
+            film = self._found(shared.start)
+        self._settings, self._tracker_film, self._playing = shared.settings, film, False
+        held = {t: np.array(place) for t, place in shared.held.items()}
+        if any(len(place) != get_world(shared.settings.world).model.dynamics.dimension for place in held.values()):
+            raise SettingError("the share code puts the target where this world has no room for it")
+        self._start(replace(shared.at(1), rival=shared.settings.rival), shared.rival_at(1), held)
+        self._catch_up(shared)
+
+    def _found(self, start: Start) -> VideoFilm:
+        try:
+            return self._tracker_film.following(start)
+        except (ValueError, EndOfVideo) as error:
+            raise SettingError(f"the share code follows something that is not in this video: {error}") from None
+
+    def _catch_up(self, shared: Shared) -> None:
+        """Run all lanes to the time that was shared."""
+        for t in range(1, shared.t + 1):
+            if self._interrupted():
+                self._message = f"Interrupted at step {self._t} of {shared.t}."
+                break
+            own = shared.at(t)
+            self._lane.configure(own)
+            if self._rival:
+                self._rival.configure(shared.rival_at(t) or self._rival_settings(own) or own)
+            if not self._advance():
+                break
+            self._show_progress(t / shared.t)
+        self._progress = None
+        self._lane.configure(self._settings)
+        if self._t == shared.t and self._t and shared.stage is not None:
+            self._stage = min(shared.stage, max(len(room.trace[self._t].stages) for room in self._lane.rooms) - 1)
+
     def _draw(self) -> None:
+        self._drawn_at = time.monotonic()
         self._view.draw(
             Picture(
                 self._settings,
-                self._toy,
-                self._tracker,
+                self._lane,
+                self._rival,
                 self._t,
                 self._stage,
                 self._last,
                 self._chosen,
+                self._outline,
                 self._playing,
+                self._progress,
                 self._message,
             )
         )

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import json
-import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from typing import Any, Literal
@@ -13,6 +10,11 @@ from pfviz.filters import FILTERS
 from pfviz.worlds import WORLDS
 
 Pane = Literal["both", "toy", "tracker"]
+Overlay = Literal["none", "proposal", "edges"]
+NOBODY, ITSELF = "none", "itself"
+"""What a filter is compared with, where it is not another filter: nothing, or what it was itself when it was kept."""
+RUNNING = ("filter", "toy_particles", "tracker_particles", "system", "observation", "proposal")
+"""The settings that change how a step is run; they may change from step to step."""
 Choices = tuple[tuple[str, str], ...]
 
 
@@ -35,6 +37,9 @@ class Settings:
     speed: float = 4.0
     pane: Pane = "both"
     arrows: int = 160
+    rival: str = NOBODY
+    overlay: Overlay = "none"
+    ancestry: bool = False
     truth: bool = True
     exact: bool = True
     dark: bool = False
@@ -112,6 +117,14 @@ def _worlds() -> Choices:
     return tuple((world.name, world.title) for world in WORLDS.values())
 
 
+def _rivals() -> Choices:
+    return (NOBODY, "nothing"), *_filters(), (ITSELF, "itself, as it is now")
+
+
+def _overlays() -> Choices:
+    return ("none", "nothing"), ("proposal", "what the detector sees"), ("edges", "edges")
+
+
 def _panes() -> Choices:
     return ("both", "both rooms"), ("toy", "the toy"), ("tracker", "the video")
 
@@ -119,6 +132,14 @@ def _panes() -> Choices:
 _CONTROLS = (
     Control("filter", "Filter", "Runs in both rooms", "choice", offered=_filters, group=""),
     Control("world", "Toy world", "The world on the left", "choice", offered=_worlds, group=""),
+    Control(
+        "rival",
+        "Compare with",
+        "A second filter, on the same data and random numbers",
+        "choice",
+        offered=_rivals,
+        group="",
+    ),
     Control("toy_particles", "Particles, toy", "How many hypotheses in the toy", "slider", 1, 2000),
     Control("tracker_particles", "Particles, video", "How many hypotheses in the tracker", "slider", 1, 5000),
     Control(
@@ -167,45 +188,13 @@ _CONTROLS = (
         600,
         group="More",
     ),
+    Control("overlay", "Over the video", "Laid over the whole frame", "choice", offered=_overlays, group="More"),
+    Control("ancestry", "Show ancestors", "Where all particles come from, back through time", "switch", group="More"),
     Control("truth", "Show the truth", "Where it is known", "switch", group="More"),
     Control("exact", "Show the exact posterior", "Where it is known", "switch", group="More"),
     Control("dark", "Dark colours", "Light on dark", "switch", group="More"),
 )
 GROUPS = ("", "Tune", "More")
-_CODE = "pf1-"
-
-
-def encode(settings: Settings, t: int) -> str:
-    """A short code that brings back these settings at time ``t``; see ``decode``."""
-    default = Settings()
-    changed = {f.name: getattr(settings, f.name) for f in fields(settings)}
-    changed = {name: value for name, value in changed.items() if value != getattr(default, name)}
-    text = json.dumps(changed | ({"t": t} if t else {}), separators=(",", ":"))
-    return _CODE + base64.urlsafe_b64encode(zlib.compress(text.encode(), 9)).decode().rstrip("=")
-
-
-def decode(code: str) -> tuple[Settings, int]:
-    """The settings and the time that a share code stands for.
-
-    Raises:
-        SettingError: if it is not a share code, or asks for something there is not.
-    """
-    body = code.strip().removeprefix(_CODE)
-    try:
-        packed = base64.urlsafe_b64decode(body + "=" * (-len(body) % 4))
-        unpacking = zlib.decompressobj()
-        values = dict(json.loads(unpacking.decompress(packed, _LONGEST)))
-        t = values.pop("t", 0)
-        if not unpacking.eof:
-            raise ValueError("cut short")
-    except (ValueError, TypeError, zlib.error):
-        raise SettingError(f"{code[:40]!r} is not a share code: expected one that begins with {_CODE}") from None
-    if not isinstance(t, int) or not 0 <= t <= _LATEST:
-        raise SettingError(f"the share code asks for time {t!r}: expected 0 to {_LATEST}")
-    settings = Settings()
-    for field, value in values.items():
-        settings = settings.with_value(field, value)
-    return settings, t
 
 
 def command_line(settings: Settings, t: int) -> str:
@@ -217,5 +206,4 @@ def command_line(settings: Settings, t: int) -> str:
     )
 
 
-_LONGEST, _LATEST = 4096, 2000
 CONTROLS: dict[str, Control] = {control.field: control for control in _CONTROLS}

@@ -243,6 +243,12 @@ class Trace:
             self._nbytes -= self._records.pop(0).nbytes
             self._first += 1
 
+    def copy(self) -> Trace:
+        """A trace of the same records, which goes its own way from here."""
+        other = Trace(self.initial, self._limit_bytes)
+        other._records, other._first, other._nbytes = list(self._records), self._first, self._nbytes
+        return other
+
     def truncate(self, t: int) -> None:
         """Forget every record after time ``t``, so that the run can go on from there in another way."""
         while self._records and self.last > t:

@@ -1,5 +1,7 @@
 """The rooms on the canvas, whatever its size."""
 
+from itertools import combinations
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -16,21 +18,26 @@ def overlap(a: Rect, b: Rect) -> float:
     return max(width, 0.0) * max(height, 0.0)
 
 
-@given(SIZES, SIZES, PANES, st.booleans())
-def test_rooms_lie_on_the_canvas_and_apart(width, height, pane, phone):
-    rooms = arrange(width, height, pane, phone)
+@given(SIZES, SIZES, PANES, st.booleans(), st.booleans())
+def test_rooms_lie_on_the_canvas_and_apart(width, height, pane, phone, rival):
+    rooms = arrange(width, height, pane, phone, rival)
     for rect in rooms.values():
         assert rect.x >= 0 and rect.y >= 0
         assert rect.right <= width + 1e-6 and rect.bottom <= height + 1e-6
         assert rect.width >= 1 and rect.height >= 1
-    if len(rooms) == 2:
-        assert overlap(rooms["toy"], rooms["tracker"]) == 0
+    for one, other in combinations(rooms.values(), 2):
+        assert overlap(one, other) == 0
 
 
-@given(SIZES, SIZES, PANES)
-def test_the_room_asked_for_is_there(width, height, pane):
+@given(SIZES, SIZES, PANES, st.booleans())
+def test_the_room_asked_for_is_there_and_its_rival_beside_it_or_below(width, height, pane, rival):
     expected = {"toy", "tracker"} if pane == "both" else {pane}
-    assert set(arrange(width, height, pane)) == expected
+    rooms = arrange(width, height, pane, rival=rival)
+    assert set(rooms) == {(room, second) for room in expected for second in ((False, True) if rival else (False,))}
+    for room in expected if rival else ():
+        own, other = rooms[room, False], rooms[room, True]
+        assert (own.width, own.height) == pytest.approx((other.width, other.height))
+        assert own.right <= other.x or own.bottom <= other.y
 
 
 @given(SIZES, SIZES)
@@ -52,7 +59,7 @@ def test_both_rooms_get_as_much_and_together_most_of_the_canvas(width, height):
 @given(st.floats(300, 600), st.floats(600, 1000), PANES)
 def test_on_a_phone_there_is_one_room_above_the_sheet(width, height, pane):
     rooms = arrange(width, height, pane, phone=True)
-    assert set(rooms) == {"tracker" if pane == "tracker" else "toy"}
+    assert set(rooms) == {("tracker" if pane == "tracker" else "toy", False)}
     (rect,) = rooms.values()
     assert rect.bottom <= max(height - 434, 0.45 * height)
 

@@ -65,7 +65,8 @@ def test_a_step_that_is_done_again_is_equal_byte_for_byte(make, filter_name):
 def test_a_room_runs_as_the_library_does(filter_name):
     room = toy_room(filter_name, seed=5)
     film, model = room.film, room.film.model(1.0, 1.0, 1.0)
-    expected = run(make_filter(filter_name, 20), model, film.recording.observations[:4], seed=5)
+    observations = film.world.record(5, 4).observations
+    expected = run(make_filter(filter_name, 20), model, observations, seed=5)
     for record, other in zip(steps(room, 4), expected, strict=True):
         assert fingerprint(record) == fingerprint(other)
 
@@ -140,23 +141,24 @@ def test_the_exact_answer_of_a_room_is_that_of_the_model_believed_in():
     true, doubting = film.model(1.0, 1.0, 1.0), film.model(1.0, 3.0, 1.0)
     room = Room(film, "condensation", true, 10, 1)
     room.step()
-    believed = film.exact(1).covariance[0, 0]
+    believed = room.exact.marginal(1).covariance[0, 0]
     room.rewind(0)
     room.configure("condensation", doubting, 10)
     room.step()
-    assert film.exact(1).covariance[0, 0] > believed
+    assert room.exact.marginal(1).covariance[0, 0] > believed
 
 
 def test_a_world_without_an_exact_answer_has_none():
     room = toy_room(world="plane")
     room.step()
-    assert room.film.exact(1) is None
+    assert room.exact.marginal(1) is None
+    assert np.isnan(room.exact.log_evidence(1))
 
 
 @pytest.mark.parametrize("world", WORLDS)
 def test_a_seed_is_a_film(world):
     films = [ToyFilm(get_world(world), seed) for seed in (1, 1, 2)]
-    seen = [np.concatenate([np.ravel(y) for y in film.recording.observations[:20]]) for film in films]
+    seen = [np.concatenate([np.ravel(film.observe(t, None)) for t in range(1, 21)]) for film in films]
     np.testing.assert_array_equal(seen[0], seen[1])
     assert not np.array_equal(seen[0], seen[2])
 
@@ -192,11 +194,46 @@ def test_records_are_forgotten_when_they_outgrow_their_memory(monkeypatch):
 @pytest.mark.parametrize("world", ["linear-gaussian", "two-modes"])
 def test_the_exact_answer_is_found_again_when_its_states_are_long_forgotten(world):
     film = ToyFilm(get_world(world), 2)
-    model = film.model(1.0, 1.0, 1.0)
-    means = {}
+    model, exact = film.model(1.0, 1.0, 1.0), film.exact()
+    answers = {}
     for t in range(1, 61):
-        film.observe(t, model)
-        means[t] = film.exact(t).mean
-    for t in (60, 20, 1, 45):
-        film.observe(t, model)
-        np.testing.assert_allclose(film.exact(t).mean, means[t], atol=1e-12)
+        exact.step(t, model, film.observe(t, model))
+        answers[t] = (exact.marginal(t).mean, exact.log_evidence(t))
+    for t in (60, 20, 1):
+        exact.step(t, model, film.observe(t, model))
+        np.testing.assert_allclose(exact.marginal(t).mean, answers[t][0], atol=1e-12)
+        assert exact.log_evidence(t) == pytest.approx(answers[t][1])
+        assert exact.marginal(t + 1) is None
+
+
+def test_a_room_can_be_forked_and_neither_sees_what_the_other_does():
+    room = toy_room(seed=3)
+    records = steps(room, 5)
+    other = room.fork(3)
+    assert (room.trace.last, other.trace.last) == (5, 3)
+    again = steps(other, 2)
+    assert [fingerprint(record) for record in again] == [fingerprint(record) for record in records[3:]]
+    other.configure("condensation", other.film.model(2.0, 1.0, 1.0), 20)
+    other.rewind(1)
+    steps(other, 1)
+    assert room.trace[2] is records[1] and room.outcome(2).filter_name != "condensation"
+    assert room.exact.marginal(5) is not None and other.exact.marginal(5) is None
+
+
+def test_the_log_evidence_of_a_room_is_the_sum_of_its_steps_and_near_the_exact_one():
+    room = toy_room("rb-hs-sir", world="linear-gaussian", n_particles=500)
+    records = steps(room, 10)
+    np.testing.assert_allclose(room.log_evidences, np.cumsum([record.log_evidence for record in records]))
+    exact = sum(room.exact.log_evidence(t) for t in range(1, 11))
+    assert room.log_evidences[-1] == pytest.approx(exact, abs=1.5)
+
+
+def test_a_target_that_is_taken_somewhere_is_there_and_goes_on_from_there():
+    film, free = ToyFilm(get_world("recovery"), 2), ToyFilm(get_world("recovery"), 2)
+    film.hold(5, np.array([3.5]))
+    assert film.truth(4) == free.truth(4) and film.truth(5) == 3.5
+    moved = film.truth(6) - free.truth(6)
+    assert moved != 0 and film.observe(6, None) - free.observe(6, None) == pytest.approx(moved)
+    film.hold(9, np.array([-1.0]))
+    film.hold(7, np.array([1.0]))
+    assert set(film.held) == {5, 7}, "what was done later is void"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pfviz_app import room as room_module
 from pfviz_app.commands import Click, Play, Reset, Resize, Seek, Set, Step, Walk
-from pfviz_app.session import Pick
+from pfviz_app.picture import Pick
 from pfviz_app.settings import CONTROLS, Settings
 from stand_ins import DiscVideo, Visit, disc_setup
 
@@ -432,7 +432,9 @@ def test_visitors_are_independent():
 
 
 def test_the_first_records_are_forgotten_and_time_goes_no_further_back(monkeypatch):
-    monkeypatch.setattr(room_module, "_TRACE_BYTES", 60_000)
+    with Visit(FEW) as visit:
+        largest = max(room.trace[1].nbytes for room in visit.do(Step()).lane.rooms)
+    monkeypatch.setattr(room_module, "_TRACE_BYTES", 6 * largest)
     with Visit(FEW) as visit:
         picture = visit.do(Step(25))
         earliest = picture.tracker.trace.first

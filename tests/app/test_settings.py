@@ -6,7 +6,7 @@ from dataclasses import fields
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pfviz_app.settings import CONTROLS, Settings, decode, encode
+from pfviz_app.settings import CONTROLS, Settings
 
 from pfviz.filters import FILTERS
 from pfviz.worlds import WORLDS
@@ -96,38 +96,3 @@ def test_settings_are_values():
     assert changed.seed == 7
     assert Settings().seed == 0
     assert changed == Settings(seed=7)
-
-
-SHARED = st.builds(
-    Settings,
-    world=st.sampled_from(sorted(WORLDS)),
-    filter=st.sampled_from(sorted(FILTERS)),
-    toy_particles=st.integers(1, 2000),
-    system=st.floats(0.1, 4.0),
-    seed=st.integers(0, 999),
-    dark=st.booleans(),
-)
-
-
-@given(SHARED, st.integers(0, 2000))
-def test_a_share_code_brings_back_settings_and_time(settings, t):
-    code = encode(settings, t)
-    assert code.startswith("pf1-") and len(code) < 400
-    assert decode(code) == (settings, t)
-
-
-@given(st.text(max_size=60))
-def test_what_is_no_share_code_is_refused_in_words(text):
-    try:
-        decode(text)
-    except ValueError as error:
-        assert "share code" in str(error)
-    else:
-        assert text.strip().startswith("pf1-")
-
-
-def test_a_share_code_that_is_cut_short_or_asks_for_too_much_is_refused():
-    code = encode(Settings(world="plane", seed=7), 12)
-    for bad in (code[:-4], encode(Settings(), 5000), encode(Settings(system=77.0), 1), encode(Settings(world="x"), 1)):
-        with pytest.raises(ValueError, match=r"share code|expected"):
-            decode(bad)

@@ -7,6 +7,7 @@ unit of the scene is one pixel of the canvas. It can still be orbited.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Literal
 
 import numpy as np
@@ -15,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from viser._messages import SceneNodeUpdateMessage
 
 from pfviz.particles import IntArray
-from pfviz_app.session import Pick
+from pfviz_app.picture import Pick
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.lettering import lettered
 from pfviz_app.stage.palette import Colours, Rgb, blend
@@ -32,15 +33,21 @@ Room = Literal["toy", "tracker"]
 
 
 class Board:
-    """Named marks in pixel coordinates on one visitor's scene. Used by one thread."""
+    """Named marks in pixel coordinates on one visitor's scene. Used by one thread.
 
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._client = client
+    Attributes:
+        background: the colour of the canvas.
+        scope: put before every name, so that the same drawing can be made twice.
+    """
+
+    def __init__(self, client: viser.ClientHandle, on_grab: Callable[[float, float, bool], None]) -> None:
+        self._client, self._on_grab = client, on_grab
         self._scene = client.scene
         self._nodes: dict[str, Any] = {}
         self._props: dict[str, dict[str, Any]] = {}
         self._drawn: set[str] = set()
-        self._targets: list[tuple[Room, NDArray[np.float64], IntArray]] = []
+        self._targets: list[tuple[Room, NDArray[np.float64], IntArray, bool]] = []
+        self.scope = ""
         self.background: Rgb = (255, 255, 255)
         self._scene.add_frame(_ROOT, wxyz=_UPRIGHT, show_axes=False)
 
@@ -67,17 +74,17 @@ class Board:
 
     def target(self, room: Room, points: ArrayLike, indices: IntArray) -> None:
         """Let what is drawn at ``points (n, 2 or 3)`` be clicked: it stands for the particles at ``indices (n,)``."""
-        self._targets.append((room, np.asarray(points, dtype=float)[:, :2], indices))
+        self._targets.append((room, np.asarray(points, dtype=float)[:, :2], indices, bool(self.scope)))
 
     def pick(self, x: float, y: float) -> Pick | None:
         """The particle nearest to a pixel, within reach of a finger."""
         best, found = _REACH, None
-        for room, points, indices in self._targets:
+        for room, points, indices, rival in self._targets:
             if len(points):
                 distances = np.hypot(points[:, 0] - x, points[:, 1] - y)
                 nearest = int(np.argmin(distances))
                 if distances[nearest] < best:
-                    best, found = float(distances[nearest]), Pick(room, int(indices[nearest]))
+                    best, found = float(distances[nearest]), Pick(room, int(indices[nearest]), rival)
         return found
 
     def segments(
@@ -188,8 +195,23 @@ class Board:
         left = x - {"left": 0.0, "centre": width / 2.0, "right": width}[anchor]
         self.image(name, picture, Rect(left, y - height / 2.0, width, height), _TEXT_DEPTH)
 
+    def handle(self, name: str, x: float, y: float, colour: Rgb) -> None:
+        """Something to take hold of: dragging it tells ``on_grab`` the pixel, and whether that was the end of it."""
+        new = self.scope + name not in self._nodes
+        picture, width, height = lettered("✥", 21, colour, True)
+        self.image(name, picture, Rect(x - width / 2.0, y - height / 2.0, width, height), _TEXT_DEPTH)
+        if new:
+            self._nodes[self.scope + name].on_drag(self._grabbed)
+
+    async def _grabbed(self, event: Any) -> None:
+        """A coroutine, so that what was dragged arrives in order."""
+        x, y = event.end_screen_pos
+        camera = self._client.camera
+        self._on_grab(x * camera.image_width, y * camera.image_height, event.phase == "end")
+
     def image(self, name: str, image: NDArray[np.uint8], rect: Rect, depth: float = -12.0) -> None:
         """An RGB or RGBA image that fills ``rect``."""
+        name = self.scope + name
         node = self._nodes.get(name)
         self._drawn.add(name)
         x, y = rect.centre
@@ -223,6 +245,7 @@ class Board:
 
     def _draw(self, name: str, create: Any, **props: Any) -> Any:
         """Create the node, or update those of its properties that have changed."""
+        name = self.scope + name
         self._drawn.add(name)
         node, before = self._nodes.get(name), self._props.get(name)
         if node is None or before is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +26,7 @@ class Palette:
         exact: the exact posterior.
         truth: the truth.
         chosen: what the visitor has clicked.
+        rival: the posterior and the estimate of the filter that is compared with.
     """
 
     background: Rgb
@@ -38,6 +39,11 @@ class Palette:
     exact: Rgb
     truth: Rgb
     chosen: Rgb
+    rival: Rgb
+
+    def of_rival(self) -> Palette:
+        """The same for the filter that is compared with."""
+        return replace(self, posterior=self.rival)
 
 
 LIGHT = Palette(
@@ -50,7 +56,8 @@ LIGHT = Palette(
     posterior=(0, 158, 115),
     exact=(0, 0, 0),
     truth=(213, 62, 0),
-    chosen=(190, 60, 140),
+    chosen=(200, 40, 110),
+    rival=(128, 60, 190),
 )
 DARK = Palette(
     background=(20, 21, 23),
@@ -62,7 +69,8 @@ DARK = Palette(
     posterior=(30, 200, 150),
     exact=(255, 255, 255),
     truth=(255, 110, 50),
-    chosen=(236, 120, 196),
+    chosen=(255, 120, 180),
+    rival=(190, 140, 255),
 )
 
 

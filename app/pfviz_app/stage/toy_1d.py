@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pfviz.exact import Gaussian, GridMarginal, total_variation, total_variation_of_draws
 from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.worlds import ToyModel
-from pfviz_app.session import Picture
+from pfviz_app.picture import Pick, Picture
+from pfviz_app.stage.ancestors import DEPTH, generations, line_of
 from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.lettering import fitted
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
 from pfviz_app.stage.seen import Seen, likeliest_histories, relative
@@ -28,6 +31,7 @@ _ROWS = {
     "posterior": 0.955,
 }
 _CURVE = 0.075
+_STRIP = 0.3
 
 
 class Toy1d:
@@ -42,7 +46,10 @@ class Toy1d:
     def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
         film = picture.toy.film
         self._gutter = 92.0 if rect.width > 330 else 4.0
-        self._plot, self._extent = rect.inset(self._gutter, 14, 6, 6), film.world.extent
+        chosen = picture.chosen if picture.chosen and picture.chosen.room == "toy" else None
+        family = picture.t > 1 and (picture.settings.ancestry or chosen is not None)
+        strip = _STRIP * rect.height if family else 0.0
+        self._plot, self._extent = rect.inset(self._gutter, 14, 6, 6 + strip), film.world.extent
         if picture.t == 0:
             self._start(picture.toy.trace.initial, palette)
             return
@@ -57,13 +64,23 @@ class Toy1d:
         if seen.stage("weight"):
             self._likelihood(record, model, palette)
         self._after(seen, palette)
-        if picture.chosen and picture.chosen.room == "toy":
-            self._chosen(seen, picture.chosen.index, palette)
+        if chosen:
+            self._chosen(seen, chosen.index, palette)
         if seen.whole:
-            exact = film.exact(picture.t) if picture.settings.exact else None
-            self._posterior(record.posterior, exact, palette)
+            self._posterior(record.posterior, picture, palette)
+        if family:
+            self._ancestors(rect.bottom - strip + 20, rect.bottom - 6, picture, chosen, palette)
         if picture.settings.truth and seen.whole:
             self._truth(float(film.truth(picture.t)[0]), palette)
+
+    def place(self, x: float, y: float) -> FloatArray:
+        """``(1,)``: the value that a pixel stands for, on every row the same; at most the edge of the picture."""
+        value = 2.0 * (x - self._plot.x) / self._plot.width - 1.0
+        return self._extent * np.clip([value], -1.0, 1.0)
+
+    def pixel(self, place: FloatArray) -> tuple[float, float]:
+        """Where a value can be taken hold of."""
+        return float(self._x(place)[0]), self._y("state") + 22
 
     def _x(self, values: FloatArray) -> FloatArray:
         """Pixels of values of the world; what lies outside the picture is drawn at its edge."""
@@ -192,7 +209,31 @@ class Toy1d:
             self._board.segments("toy/chosen/line", line, palette.chosen, 3.0, 5.0)
         self._board.points("toy/chosen", np.concatenate(rings), palette.chosen, 17.0, 3.0)
 
-    def _posterior(self, particles: ParticleSet, exact: Gaussian | GridMarginal | None, palette: Palette) -> None:
+    def _ancestors(self, top: float, bottom: float, picture: Picture, chosen: Pick | None, palette: Palette) -> None:
+        """Under the picture the time runs back: whom the particles descend from."""
+        step = (bottom - top) / DEPTH
+
+        def at(values: FloatArray, generation: ArrayLike) -> FloatArray:
+            return np.stack(
+                [self._x(values), np.broadcast_to(top + step * np.asarray(generation), len(values))], axis=1
+            )
+
+        for k, found in enumerate(generations(picture.toy, picture.t)):
+            lines = np.stack([at(found.children[:, 0], k), at(found.parents[:, 0], k + 1)], axis=1)
+            self._board.weighted_segments(f"toy/ancestors/{k}", lines, found.strengths, palette.history, -3.0)
+        if chosen is not None:
+            line = line_of(picture, chosen)[:, 0]
+            self._board.polyline("toy/chosen/ancestors", at(line, np.arange(len(line))), palette.chosen, 3.0, 4.0)
+        for k in (0, DEPTH // 2, DEPTH):
+            if self._gutter > 40 and k < picture.t:
+                text = f"qₜ₊₁ at t={picture.t}" if k == 0 else f"t={picture.t - k}"
+                self._board.text(
+                    f"toy/label/ancestors/{k}", text, self._plot.x - self._gutter, top + step * k, palette.history
+                )
+
+    def _posterior(self, particles: ParticleSet, picture: Picture, palette: Palette) -> None:
+        assert picture.toy.exact is not None
+        exact = picture.toy.exact.marginal(picture.t) if picture.settings.exact else None
         self._line("posterior", "posterior", palette.posterior, palette)
         smoothed = smoothed_density(particles, self._grid)
         curves = [("toy/posterior", smoothed, palette.posterior)]
@@ -202,10 +243,9 @@ class Toy1d:
         peak = max(float(curve.max()) for _, curve, _ in curves)
         for name, curve, colour in curves:
             self._curve(name, curve / max(peak, 1e-300), "posterior", colour, 0.13)
-        if exact is not None:
-            distance, of_draws = total_variation(particles, exact), total_variation_of_draws(len(particles))
-            text = f"distance to exact {distance:.2f}, of {len(particles)} exact draws {of_draws:.2f}"
+        if picture.settings.exact:
             x, y = self._plot.x + self._plot.width / 2, self._y("posterior") + 15
+            text = fitted(distance_text(particles, exact), 11.0, self._plot.width)
             self._board.text("toy/distance", text, x, y, palette.ink, "centre", 11.0)
         self._tick("toy/estimate", float(particles.mean[0]), "posterior", palette.posterior, 9)
 
@@ -235,6 +275,14 @@ def smoothed_density(particles: ParticleSet, grid: FloatArray) -> FloatArray:
     width = max(1.06 * deviation * particles.effective_sample_size**-0.2, spacing)
     kernel = np.exp(-0.5 * ((grid[:, None] - values) / width) ** 2) / (width * np.sqrt(2.0 * np.pi))
     return kernel @ weights
+
+
+def distance_text(particles: ParticleSet, exact: Gaussian | GridMarginal | None) -> str:
+    """How far the particles are from the exact posterior, or that there is none."""
+    if exact is None:
+        return "no exact answer here"
+    of_draws = total_variation_of_draws(len(particles), particles.dimension)
+    return f"distance to exact {total_variation(particles, exact):.2f}, of {len(particles)} exact draws {of_draws:.2f}"
 
 
 def _proposed_values(record: StepRecord) -> FloatArray:

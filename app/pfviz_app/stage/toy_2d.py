@@ -11,12 +11,15 @@ from pfviz.exact import Gaussian
 from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.worlds import ToyModel
-from pfviz_app.session import Picture
+from pfviz_app.picture import Picture
+from pfviz_app.stage.ancestors import generations, line_of
 from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.lettering import fitted
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
 from pfviz_app.stage.seen import Seen, likeliest_histories, relative
+from pfviz_app.stage.toy_1d import distance_text
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000
@@ -31,14 +34,14 @@ class Toy2d:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._plot = Rect(0, 0, 1, 1)
-        self._unit = 1.0
+        self._unit = self._extent = 1.0
 
     def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
         film = picture.toy.film
         self._plot = rect.inset(6, 10, 6, 6)
         across = self._plot.width / (2.0 * film.world.extent)
         floor = 0.30 * self._plot.height / (2.0 * film.world.extent * np.sin(_TILT))
-        self._unit = min(across, floor)
+        self._unit, self._extent = min(across, floor), film.world.extent
         if picture.t == 0:
             initial = picture.toy.trace.initial
             self._before(initial, relative(initial.weights), film.world.extent, palette)
@@ -57,8 +60,23 @@ class Toy2d:
         self._after(seen, film.world.extent, palette)
         if picture.chosen and picture.chosen.room == "toy":
             self._chosen(seen, picture.chosen.index, palette)
+        if picture.t > 1 and (picture.settings.ancestry or (picture.chosen and picture.chosen.room == "toy")):
+            self._ancestors(picture, palette)
+        if seen.whole and picture.settings.exact:
+            self._exact(record.posterior, picture, palette)
         if seen.whole and picture.settings.truth:
             self._truth(film.truth(picture.t), palette)
+
+    def place(self, x: float, y: float) -> FloatArray:
+        """``(2,)``: the place on the last floor that a pixel stands for, at most its edge."""
+        across = (x - self._plot.centre[0]) / self._unit
+        rise = (self._plot.y + self._plot.height * _FLOORS["after"] - y) / (self._unit * np.sin(_TILT))
+        return np.clip([across, rise], -self._extent, self._extent)
+
+    def pixel(self, place: FloatArray) -> tuple[float, float]:
+        """Where a place can be taken hold of."""
+        x, y, _ = self._at(place, "after")
+        return float(x), float(y)
 
     def _at(self, values: FloatArray, floor: str) -> FloatArray:
         """``(..., 3)``: pixels and depth of points ``(..., 2)`` of the world on a floor."""
@@ -153,6 +171,27 @@ class Toy2d:
             rings.append(before[np.maximum(after.histories[joined], 0)])
             rings.append(self._at(after.particles.innovation[joined], "after"))
         self._board.points("toy/chosen", np.concatenate(rings), palette.chosen, 15.0, 3.0)
+
+    def _ancestors(self, picture: Picture, palette: Palette) -> None:
+        """On the last floor: whom the particles descend from, and of whom the one that was clicked."""
+        if picture.settings.ancestry:
+            for k, found in enumerate(generations(picture.toy, picture.t)):
+                lines = np.stack([self._at(found.children, "after"), self._at(found.parents, "after")], axis=1)
+                self._board.weighted_segments(f"toy/ancestors/{k}", lines, found.strengths, palette.history, -1.0)
+        if picture.chosen and picture.chosen.room == "toy":
+            line = self._at(line_of(picture, picture.chosen), "after")
+            if len(line) > 1:
+                self._board.polyline("toy/chosen/ancestors", line, palette.chosen, 3.0, 5.0)
+
+    def _exact(self, particles: ParticleSet, picture: Picture, palette: Palette) -> None:
+        """Two standard deviations of the exact posterior, and how far the particles are from it."""
+        exact = picture.toy.exact.marginal(picture.t) if picture.toy.exact else None
+        if isinstance(exact, Gaussian):
+            curve = ellipse(Gaussian(exact.mean, 4.0 * exact.covariance))
+            self._board.polyline("toy/exact", self._at(curve, "after"), palette.exact, 2.0, 6.0)
+        x, y = self._plot.centre[0], self._plot.bottom - 4
+        text = fitted(distance_text(particles, exact), 11.0, self._plot.width)
+        self._board.text("toy/distance", text, x, y, palette.ink, "centre", 11.0)
 
     def _truth(self, value: FloatArray, palette: Palette) -> None:
         self._cross("toy/truth", value, palette.truth)

@@ -10,9 +10,12 @@ from numpy.typing import NDArray
 
 from pfviz.particles import FloatArray
 from pfviz.record import StepRecord
+from pfviz.vision.shapes import transforms
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import Image
-from pfviz_app.session import Picture
+from pfviz_app.films import Point
+from pfviz_app.picture import Picture
+from pfviz_app.stage.ancestors import generations, line_of
 from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import sample_evenly
@@ -29,6 +32,12 @@ _CLOSE_UP_PIXELS = 420
 
 class Window:
     """A part of the frame shown in a rectangle of the canvas."""
+
+    def place(self, x: float, y: float) -> Point | None:
+        """The frame pixel that a pixel of the canvas shows; None outside."""
+        if not self.rect.holds(x, y):
+            return None
+        return self._part.x + (x - self.rect.x) / self.scale, self._part.y + (y - self.rect.y) / self.scale
 
     def __init__(self, rect: Rect, part: Rect) -> None:
         self.rect = rect
@@ -53,34 +62,47 @@ class TrackerStage:
     def __init__(self, board: Board) -> None:
         self._board = board
         self._frame: tuple[int, NDArray[np.uint8]] | None = None
+        self._windows: tuple[Window, ...] = ()
+
+    def place(self, x: float, y: float) -> Point | None:
+        """The frame pixel that a pixel of the canvas shows; None where it shows none."""
+        return next((place for window in self._windows if (place := window.place(x, y))), None)
 
     def draw(self, rect: Rect, picture: Picture, palette: Palette) -> None:
         film, t = picture.tracker.film, picture.t
         width, height = film.source.size
         image = film.image(max(t, 1))
         whole = Window(self._frame_rect(rect, width / height), Rect(0, 0, width, height))
+        self._windows = (whole,)
         self._board.image("tracker/frame", self._shown(image), whole.rect)
+        if picture.outline:
+            self._clicked(picture.outline, whole)
         if t == 0:
-            self._outline("tracker/frame/expected", whole, film.setup.model, film.setup.model.start)
+            self._outline("tracker/frame/expected", whole, film.setup.model, film.setup.model.start, palette)
             return
         model = picture.tracker.outcome(t).model
         assert isinstance(model, TrackerModel)
         record = picture.tracker.trace[t]
         estimate = model.estimate(record)
         close = self._close_up(rect, whole.rect, estimate, image, palette)
+        self._windows = (whole, close)
         seen = Seen(record, picture.stage)
+        if picture.settings.overlay != "none":
+            self._overlay(picture.settings.overlay, record.observation, whole)
         self._border(close, whole, palette)
         self._proposed(seen, whole)
         after = seen.after()
         if after is not None:
             self._likely(after, model, close)
             self._centres(record, after, close, picture.settings.arrows)
+            self._ancestors(picture, whole, close)
             if picture.chosen and picture.chosen.room == "tracker":
                 self._chosen(after, picture.chosen.index, model, close)
+                self._normals(after, picture.chosen.index, model, record.observation, close)
         if not seen.whole:
             return
         for name, window in (("frame", whole), ("close", close)):
-            self._outline(f"tracker/{name}/expected", window, model, estimate.state)
+            self._outline(f"tracker/{name}/expected", window, model, estimate.state, palette)
         truth = film.truth(t)
         if truth is not None and picture.settings.truth:
             self._truth(truth, close)
@@ -177,10 +199,69 @@ class TrackerStage:
             self._board.polyline("tracker/chosen", outlines, colour, 2.6, 10.0, closed=True)
             self._board.points("tracker/chosen/centre", close(states[:, :2]), colour, 12.0, 5.0)
 
-    def _outline(self, name: str, window: Window, model: TrackerModel, state: FloatArray) -> None:
-        """The expected contour: white with a dark rim."""
+    def _normals(self, after: After, index: int, model: TrackerModel, seen: Any, close: Window) -> None:
+        """The normals of the outline that was clicked, and the edges that were found along them."""
+        likelihood, drawn = model.contour_likelihood, np.flatnonzero(after.weighed == index)[:1]
+        if likelihood is None or not len(drawn):
+            return
+        scale = model.extractor.working_scale
+        states = after.particles.innovation[drawn]
+        offsets = likelihood.edge_offsets(transforms(states, scale), seen.edge_map)[0]
+        placing = transforms(states)[0]
+        points = model.contour.points @ placing[:, :2].T + placing[:, 2]
+        along = model.contour.normals @ placing[:, :2].T
+        along /= np.linalg.norm(along, axis=1, keepdims=True) * scale
+        reach = likelihood.search
+        ends = np.stack([close(points - reach * along), close(points + reach * along)], axis=1)
+        self._board.segments("tracker/chosen/normals", ends, _BRIGHT, 1.2, 9.0)
+        found = offsets <= reach
+        edges = close(points[found] + offsets[found, None] * along[found])
+        self._board.points("tracker/chosen/edges", edges, _ON_IMAGE.proposal, 7.0, 11.0)
+
+    def _ancestors(self, picture: Picture, whole: Window, close: Window) -> None:
+        """The way that the ancestors have come: of all particles, and of the one that was clicked."""
+        if picture.settings.ancestry:
+            for k, found in enumerate(generations(picture.tracker, picture.t)):
+                ends = np.stack([found.children[:, :2], found.parents[:, :2]], axis=1)
+                for name, window in (("frame", whole), ("close", close)):
+                    inside = window.holds(ends[:, 0]) & window.holds(ends[:, 1])
+                    lines, strengths = window(ends[inside]), found.strengths[inside]
+                    self._board.weighted_segments(
+                        f"tracker/{name}/ancestors/{k}", lines, strengths, _ON_IMAGE.history, 2.5, _WEAK
+                    )
+        if picture.chosen and picture.chosen.room == "tracker":
+            line = line_of(picture, picture.chosen)[:, :2]
+            for name, window in (("frame", whole), ("close", close)):
+                inside = line[window.holds(line)]
+                if len(inside) > 1:
+                    self._board.polyline(
+                        f"tracker/{name}/chosen/ancestors", window(inside), _ON_IMAGE.chosen, 3.0, 10.0
+                    )
+
+    def _clicked(self, outline: tuple[Point, ...], whole: Window) -> None:
+        """The corners clicked so far."""
+        corners = whole(np.array(outline))
+        self._board.polyline("tracker/outline", corners, _ON_IMAGE.chosen, 2.4, 12.0, closed=len(corners) > 2)
+        self._board.points("tracker/outline/corners", corners, _ON_IMAGE.chosen, 8.0, 13.0)
+
+    def _overlay(self, kind: str, seen: Any, whole: Window) -> None:
+        """What the detector sees, or the edges, over the whole frame."""
+        if kind == "proposal":
+            cells = seen.proposal.density
+            strength = np.sqrt(cells / cells.max())
+            colour = _ON_IMAGE.proposal
+        else:
+            strength, colour = seen.edges.astype(float), _ON_IMAGE.likelihood
+        layer = np.empty((*strength.shape, 4), np.uint8)
+        layer[..., :3] = colour
+        layer[..., 3] = np.rint(225.0 * strength)
+        self._board.image(f"tracker/frame/{kind}", layer, whole.rect, -9.0)
+
+    def _outline(self, name: str, window: Window, model: TrackerModel, state: FloatArray, palette: Palette) -> None:
+        """The expected contour: white with a dark rim, or one in the colour of the filter that is compared with."""
         outline = window(model.contour.outlines(state))
-        self._board.polyline(f"{name}/rim", outline, _DARK, 4.6, 8.0, closed=True)
+        rim = LIGHT.rival if palette.posterior == palette.rival else _DARK
+        self._board.polyline(f"{name}/rim", outline, rim, 4.6, 8.0, closed=True)
         self._board.polyline(name, outline, _BRIGHT, 2.4, 9.0, closed=True)
 
     def _truth(self, truth: TrackEstimate, close: Window) -> None:
