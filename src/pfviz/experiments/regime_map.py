@@ -1,0 +1,219 @@
+"""Where history sampling pays: over system noise, sharpness of the likelihood, width of the proposal, and N.
+
+Small system noise makes arbitrary associations impossible, and a sharp likelihood makes predicted particles miss it:
+the first hurts Basic-SIR, the second CONDENSATION.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from pfviz.experiments.cells import Arm, difference, grouped, is_film, mean, plain_arms, run_cells
+from pfviz.experiments.experiment import Experiment, Job, Row, blocks
+from pfviz.experiments.statistics import Estimate, sign_of
+from pfviz.experiments.summary import Cell, HeatFigure, HeatPanel, Summary, Table
+from pfviz.filters import FILTERS
+
+WORLD = "linear-gaussian"
+PLACES = ("scene:twin:1", "scene:twin-fast:1", "scene:twin-near:2")
+_TOY = {"system": (0.1, 0.3, 1.0, 3.0), "observation": (0.1, 0.3, 1.0, 3.0), "proposal": (0.5, 1.0, 3.0)}
+_TRACKER = {"system": (0.5, 1.0, 2.0, 4.0), "observation": (0.5, 1.0, 2.0), "proposal": (1.0,)}
+_TOY_COUNTS, _TRACKER_COUNTS = (25, 100, 400), (100, 400, 1200)
+_TOY_LADDER, _TRACKER_LADDER = (1600, 6400), (2400,)
+_TOY_STEPS, _TOY_SHARE = 40, 3
+FILTERS_SHOWN = ("condensation", "basic-sir", "rb-ss-hs-sir")
+_BASE, _RIVAL = "condensation", "rb-ss-hs-sir"
+
+
+def jobs(
+    seeds: int,
+    toy: Mapping[str, Sequence[float]] = _TOY,
+    tracker: Mapping[str, Sequence[float]] = _TRACKER,
+    places: Sequence[str] = PLACES,
+    toy_counts: Sequence[int] = _TOY_COUNTS,
+    tracker_counts: Sequence[int] = _TRACKER_COUNTS,
+) -> list[Job]:
+    """The grid on the linear-Gaussian world, whose data are drawn with the noise of the cell, and on the films.
+
+    CONDENSATION is run with more particles as well, to hold the others against it in equal time.
+    """
+    of_toy, of_tracker = _arms(toy_counts, _TOY_LADDER), _arms(tracker_counts, _TRACKER_LADDER)
+    worlds = [arm.at(WORLD, steps=_TOY_STEPS, matched=True, **cell) for cell in _grid(toy) for arm in of_toy]
+    films = [arm.at(place, **cell) for place in places for cell in _grid(tracker) for arm in of_tracker]
+    return blocks(worlds, _TOY_SHARE * seeds, 12) + blocks(films, seeds, 2)
+
+
+def _arms(counts: Sequence[int], ladder: Sequence[int]) -> list[Arm]:
+    arms = [arm for count in counts for arm in plain_arms(FILTERS_SHOWN, count)]
+    return arms + [arm for count in ladder for arm in plain_arms([_BASE], count)]
+
+
+def _grid(axes: Mapping[str, Sequence[float]]) -> list[dict[str, float]]:
+    return [
+        {"system": system, "observation": observation, "proposal": proposal}
+        for proposal in axes["proposal"]
+        for system in axes["system"]
+        for observation in axes["observation"]
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """One group of places and what is compared there.
+
+    Attributes:
+        name: of the group, in file names too.
+        measure: the error that is compared.
+        unit: of it.
+        rows: all of the group.
+    """
+
+    name: str
+    measure: str
+    unit: str
+    rows: list[Row]
+
+
+def regions(rows: Sequence[Row]) -> list[Region]:
+    """The toy world, by the distance from the exact mean; the films, by the distance from the object."""
+    films, toys = [row for row in rows if is_film(row["place"])], [row for row in rows if not is_film(row["place"])]
+    found = [
+        Region("toy", "excess", "deviations of the exact posterior", toys),
+        Region("tracker", "capped", "px", films),
+    ]
+    return [region for region in found if region.rows]
+
+
+def summarise(rows: Sequence[Row]) -> Summary:
+    """Heat maps of ESS, error and loss; where history sampling pays in particles and in time."""
+    tables, figures, sentences = [], [], []
+    for region in regions(rows):
+        tables += [_cells_table(region), payoff_table(region)]
+        figures += _heat_figures(region)
+        sentences += _sentences(region, tables[-1])
+    return Summary(tables, figures, sentences)
+
+
+def _cells_table(region: Region) -> Table:
+    names = ("filter", "particles", "proposal", "system", "observation")
+    cells = []
+    for key, members in grouped(region.rows, *names).items():
+        error = mean(members, region.measure)
+        rest = (mean(members, name).value for name in ("ess_share", "lost", "milliseconds"))
+        cells.append((FILTERS[key[0]].title, *key[1:], len(members), error.value, error.low, error.high, *rest))
+    columns = (*names, "runs", f"error ({region.unit})", "low", "high", "ESS share", "share of frames lost")
+    title = f"All cells: {region.name}"
+    return Table(f"regime-map-{region.name}", title, (*columns, "milliseconds a step"), tuple(cells), shown=False)
+
+
+def payoff_table(region: Region) -> Table:
+    """By cell and N: CONDENSATION's error less RB-SS-HS-SIR's with as many particles, and their ratio in equal time.
+
+    In equal time is: CONDENSATION's error with the number of particles that takes as long as RB-SS-HS-SIR takes with
+    N, interpolated in the logarithms of error and time, over RB-SS-HS-SIR's error with N. None outside of the times
+    that CONDENSATION was measured at.
+    """
+    cells: list[tuple[Cell, ...]] = []
+    for key, members in grouped(region.rows, "proposal", "system", "observation").items():
+        of = {name: [row for row in members if row["filter"] == name] for name in FILTERS_SHOWN}
+        by_count = {name: grouped(same, "particles") for name, same in of.items()}
+        for (count,), of_rival in by_count[_RIVAL].items():
+            gap = difference(by_count[_BASE].get((count,), []), of_rival, region.measure)
+            ratio = _ratio_in_equal_time(by_count[_BASE], of_rival, region.measure)
+            cells.append((*key, count, gap.count, gap.value, gap.low, gap.high, _pays(gap), ratio))
+    columns = ("proposal", "system", "observation", "particles", "runs", "CONDENSATION less RB-SS-HS-SIR")
+    columns += ("low", "high", "better with as many particles", "ratio in equal time")
+    return Table(f"payoff-{region.name}", f"Where history sampling pays: {region.name}", columns, tuple(cells))
+
+
+def _pays(gap: Estimate) -> str:
+    return {"greater": "RB-SS-HS-SIR", "less": "CONDENSATION", "undecided": "not to be told"}[sign_of(gap)]
+
+
+def _ratio_in_equal_time(base: Mapping[tuple[int], Sequence[Row]], rival: Sequence[Row], measure: str) -> float | None:
+    times, errors = _ladder(base, measure)
+    time, error = mean(rival, "milliseconds").value, mean(rival, measure).value
+    if len(times) < 2 or not times[0] <= time <= times[-1] or not error > 0.0:
+        return None
+    return float(np.exp(np.interp(np.log(time), np.log(times), np.log(errors))) / error)
+
+
+def _ladder(base: Mapping[tuple[int], Sequence[Row]], measure: str) -> tuple[list[float], list[float]]:
+    """Times and errors of one filter, by increasing time."""
+    points = [(mean(rows, "milliseconds").value, mean(rows, measure).value) for rows in base.values()]
+    points = sorted(point for point in points if min(point) > 0.0)
+    return [time for time, _ in points], [error for _, error in points]
+
+
+def _heat_figures(region: Region) -> list[HeatFigure]:
+    shown = [("ess", "ess_share", "ESS over N", False), ("error", region.measure, f"error ({region.unit})", True)]
+    shown += [("loss", "lost", "share of frames lost", False)] if region.name == "tracker" else []
+    proposal = 1.0 if any(row["proposal"] == 1.0 for row in region.rows) else region.rows[0]["proposal"]
+    rows = [row for row in region.rows if row["proposal"] == proposal]
+    better = {
+        (row[3], row[1], row[2]): row[8] == "RB-SS-HS-SIR"
+        for row in payoff_table(Region(region.name, region.measure, region.unit, rows)).rows
+    }
+    compared, figures = {row["particles"] for row in rows if row["filter"] == _RIVAL}, []
+    for name, measure, label, log in shown:
+        panels = [
+            _heat_panel(key, members, measure, better if measure == region.measure else {})
+            for key, members in sorted(grouped(rows, "particles", "filter").items())
+            if key[0] in compared
+        ]
+        title = f"{region.name}: {label}" + ("; outlined: history sampling better" if measure == region.measure else "")
+        axes = ("system noise, as a factor", "observation noise, as a factor", label)
+        figures.append(HeatFigure(f"regime-map-{region.name}-{name}", title, *axes, tuple(panels), 3, log))
+    return figures
+
+
+def _heat_panel(
+    key: tuple[int, str], rows: Sequence[Row], measure: str, better: Mapping[tuple[Cell, ...], bool]
+) -> HeatPanel:
+    count, name = key
+    system, observation = (tuple(sorted({row[axis] for row in rows})) for axis in ("system", "observation"))
+    cells = {place: mean(same, measure).value for place, same in grouped(rows, "system", "observation").items()}
+    values = np.array([[cells.get((s, o), np.nan) for s in system] for o in observation])
+    marked = np.array([[better.get((count, s, o), False) for s in system] for o in observation])
+    title = f"{FILTERS[name].title}, N = {count}"
+    return HeatPanel(title, system, observation, values, marked if name == _RIVAL else None)
+
+
+def _sentences(region: Region, payoff: Table) -> list[str]:
+    """Where the line runs, N by N: in particles, then in time."""
+    sentences = []
+    for count in dict.fromkeys(payoff.column("particles")):
+        rows = [row for row in payoff.rows if row[3] == count]
+        won, lost = ([row for row in rows if row[8] == who] for who in ("RB-SS-HS-SIR", "CONDENSATION"))
+        timed = [row[9] for row in rows if isinstance(row[9], float)]
+        sentences.append(
+            f"{region.name}, N = {count}: with as many particles RB-SS-HS-SIR has the smaller error in {len(won)} of "
+            f"{len(rows)} cells{_where(won)}, CONDENSATION in {len(lost)}{_where(lost)}. In equal time RB-SS-HS-SIR's "
+            f"error is the smaller in {sum(ratio > 1.0 for ratio in timed)} of {len(timed)} cells that can be compared."
+        )
+    return sentences
+
+
+def _where(rows: Sequence[tuple[Cell, ...]]) -> str:
+    """The typical setting of some cells."""
+    if not rows:
+        return ""
+    system, observation = (np.exp(np.mean(np.log([float(row[i] or 1.0) for row in rows]))) for i in (1, 2))
+    return f" (geometric means there: system noise × {system:.2g}, observation noise × {observation:.2g})"
+
+
+REGIME_MAP = Experiment(
+    name="regime-map",
+    title="Where history sampling pays",
+    question="Over system noise, sharpness of the likelihood, width of the proposal and number of particles: how large "
+    "are ESS, error and loss, and from where on is RB-SS-HS-SIR better than CONDENSATION, with as many particles and "
+    "in as much time? On the linear-Gaussian world the error is that against the exact posterior mean, and the data "
+    "are drawn with the noises of the cell; on the films lost frames count 50 px.",
+    seeds=8,
+    jobs=jobs,
+    run=run_cells,
+    summarise=summarise,
+)
