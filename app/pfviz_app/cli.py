@@ -1,4 +1,4 @@
-"""The command line: ``pfviz serve``, ``toy``, ``track``, ``experiment``, ``worlds``, ``filters``.
+"""The command line: ``pfviz serve``, ``toy``, ``track``, ``worlds``, ``filters``.
 
 Every error a user can make ends in one line on stderr, ``pfviz: error: ...``, and exit code 2.
 """
@@ -7,13 +7,18 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, NoReturn
 
 from pfviz.filters import FILTERS
 from pfviz.names import find
 from pfviz.worlds import WORLDS
+
+SOURCE_HELP = "a video file, an image, a folder of images or a pattern like 'frames/*.png', camera:N or scene:NAME"
+_PAIR = re.compile(r"[-+.0-9eE]+,[-+.0-9eE]+")
 
 
 class _OneLineParser(argparse.ArgumentParser):
@@ -55,6 +60,37 @@ def box(text: str) -> tuple[float, float, float, float]:
     return x, y, w, h
 
 
+def polygon(text: str) -> tuple[tuple[float, float], ...]:
+    """An option's type: ``x,y;x,y;...`` in pixels, at least three points that enclose an area."""
+    try:
+        points = [tuple(float(part) for part in pair.split(",")) for pair in text.split(";")]
+        corners = tuple((x, y) for x, y in points if abs(x) < 1e6 and abs(y) < 1e6)
+    except ValueError:
+        corners = points = ()
+    if len(corners) < 3 or len(corners) != len(points):
+        raise argparse.ArgumentTypeError(f"expected x,y;x,y;... with at least three points in pixels, got {text!r}")
+    following = (*corners[1:], corners[0])
+    area = sum(x * v - u * y for (x, y), (u, v) in zip(corners, following, strict=True)) / 2.0
+    if abs(area) < 1.0:
+        raise argparse.ArgumentTypeError(f"expected an outline that encloses an area, got {text!r}")
+    return corners
+
+
+def real_number(least: float, most: float) -> Callable[[str], float]:
+    """An option's type: a number between ``least`` and ``most``."""
+
+    def parse(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = float("nan")
+        if not least <= value <= most:
+            raise argparse.ArgumentTypeError(f"expected a number from {least:g} to {most:g}, got {text!r}")
+        return value
+
+    return parse
+
+
 def known(table: dict[str, Any], kind: str) -> Callable[[str], str]:
     """An option's type: a name in ``table``; the error suggests the nearest."""
 
@@ -79,7 +115,6 @@ def build_parser() -> argparse.ArgumentParser:
     _add_serve(commands)
     _add_toy(commands)
     _add_track(commands)
-    _add_experiment(commands)
     for name, what in (("worlds", "the toy worlds"), ("filters", "the filters")):
         command = commands.add_parser(name, help=f"list {what}")
         command.add_argument("--json", action="store_true", help="as JSON Lines")
@@ -100,7 +135,7 @@ def _add_serve(commands: Any) -> None:
     serve.add_argument(
         "--world", type=known(WORLDS, "world"), default="figure-1", metavar="NAME", help="`pfviz worlds`"
     )
-    serve.add_argument("--video", default="scene:twin", metavar="SOURCE", help="a file, camera:N or scene:NAME")
+    serve.add_argument("--video", default="scene:twin", metavar="SOURCE", help=SOURCE_HELP)
     serve.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
     serve.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F")
     _add_filter_options(serve, None)
@@ -118,29 +153,42 @@ def _add_toy(commands: Any) -> None:
 
 def _add_track(commands: Any) -> None:
     track = commands.add_parser("track", help="track an object in a video")
-    track.add_argument("source", metavar="SOURCE", help="a video file, camera:N or scene:NAME")
+    track.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
+    where = track.add_mutually_exclusive_group()
+    where.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
+    where.add_argument("--polygon", type=polygon, default=None, metavar="x,y;x,y;...", help="its outline instead")
+    track.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F", help="the first frame")
     track.add_argument(
-        "--box", type=box, default=None, metavar="x,y,w,h", help="the object in the start frame, in pixels"
-    )
-    track.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F")
+        "--learn-frame", type=whole_number(0, 10**9), default=None, metavar="F",
+        help="the frame that box or polygon are in (default: the start frame); in another one it is looked for",
+    )  # fmt: skip
     track.add_argument("--model", default=None, metavar="NAME", help="the measurement model")
+    track.add_argument("--no-restart", action="store_true", help="do not look for an object that is lost")
     _add_filter_options(track, 400)
     track.add_argument("--csv", default=None, metavar="OUT.csv", help="one row a frame")
     track.add_argument("--output", default=None, metavar="OUT.mp4", help="the video with the particles drawn on it")
+    track.add_argument("--contact-sheet", default=None, metavar="OUT.png", help="evenly spaced frames of it, as a grid")
     track.add_argument("--json", action="store_true", help="JSON Lines on stdout, one a frame")
-
-
-def _add_experiment(commands: Any) -> None:
-    names = (
-        "equal-time, tracking-error, loss-probability, regime-map, noise-robustness, recovery, unbiasedness, real-clips"
+    track.add_argument("--force", action="store_true", help="replace files that exist")
+    track.add_argument(
+        "--frame-rate", type=real_number(0.1, 1000.0), default=None, metavar="R", help="of images, per second (30)"
     )
-    experiment = commands.add_parser("experiment", help="run an experiment: tables, figures and a report")
-    experiment.add_argument("name", metavar="NAME", help=names)
-    experiment.add_argument("--seeds", type=whole_number(1, 100_000), metavar="N", help="more or fewer than usual")
-    experiment.add_argument("--out", metavar="DIR", help="where the results go, and go on (default: results/NAME)")
-    where = experiment.add_mutually_exclusive_group()
-    where.add_argument("--workers", type=whole_number(1, 1024), metavar="N", help="processes (default: one a core)")
-    where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on: tcp://host:8786")
+    _add_limits(track)
+
+
+def _add_limits(command: argparse.ArgumentParser) -> None:
+    """What a file may cost; see ``pfviz.vision.limits.Limits``."""
+    group = command.add_argument_group("limits on the file")
+    for option, default, most, what in (
+        ("--max-megabytes", 8_000, 10**9, "of each file on disk"),
+        ("--max-pixels", 50_000_000, 10**9, "of a frame"),
+        ("--max-frames", 1_000_000, 10**9, "after so many the video ends"),
+        ("--max-memory", 3_000, 10**9, "megabytes of the process that decodes"),
+    ):
+        help_ = f"{what} (default: {default})"
+        group.add_argument(option, type=whole_number(1, most), default=default, metavar="N", help=help_)
+    help_ = "without a frame, before the file is given up (default: 20)"
+    group.add_argument("--patience", type=real_number(0.1, 1e6), default=20.0, metavar="SECONDS", help=help_)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -161,11 +209,21 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _joined(words: Sequence[str]) -> Iterator[str]:
-    """``--box -5,0,20,20`` as ``--box=-5,0,20,20``: a value that begins with a minus is not an option."""
-    remaining = iter(words)
-    for word in remaining:
-        value = next(remaining, None) if word == "--box" else None
-        yield word if value is None else f"{word}={value}"
+    """``--box -5,0,20,20`` as ``--box=-5,0,20,20``, and ``--polygon 1,2 3,4`` as ``--polygon=1,2;3,4``.
+
+    A value that begins with a minus is not an option.
+    """
+    remaining = deque(words)
+    while remaining:
+        word = remaining.popleft()
+        if word == "--box" and remaining:
+            word = f"{word}={remaining.popleft()}"
+        elif word == "--polygon" and remaining:
+            points = [remaining.popleft()]
+            while remaining and _PAIR.fullmatch(remaining[0]):
+                points.append(remaining.popleft())
+            word = f"{word}={';'.join(points)}"
+        yield word
 
 
 def _serve(options: argparse.Namespace) -> None:
@@ -186,12 +244,6 @@ def _track(options: argparse.Namespace) -> None:
     run_track(options)
 
 
-def _experiment(options: argparse.Namespace) -> None:
-    from pfviz_app.commands_experiment import run_experiment
-
-    run_experiment(options)
-
-
 def _worlds(options: argparse.Namespace) -> None:
     from pfviz_app.listings import list_worlds
 
@@ -208,7 +260,6 @@ _COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
     "serve": _serve,
     "toy": _toy,
     "track": _track,
-    "experiment": _experiment,
     "worlds": _worlds,
     "filters": _filters,
 }

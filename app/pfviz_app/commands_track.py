@@ -1,60 +1,150 @@
-"""``pfviz track``: an object through a video, as CSV, as JSON Lines, as an annotated video."""
+"""``pfviz track``: an object through a video, as CSV, as JSON Lines, as an annotated video, as a contact sheet."""
 
 from __future__ import annotations
 
 import argparse
 import csv
 import json
-import os
+import math
+import signal
 import sys
-import time
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import fields
 from pathlib import Path
-from typing import TextIO
+from types import FrameType
+from typing import Any, TextIO, cast
+
+import cv2
+import numpy as np
 
 from pfviz import kernels
 from pfviz.filters import make_filter
-from pfviz.vision.drawing import VideoWriter, draw_track
+from pfviz.filters.registry import Filter
+from pfviz.vision.drawing import ContactSheet, VideoWriter, draw_track
+from pfviz.vision.limits import Limits, display_name
+from pfviz.vision.presence import NOT_YET_FOUND
+from pfviz.vision.restart import Restarting
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track
 from pfviz.vision.tracker import DEFAULT_MODEL, TrackerModel
-from pfviz.vision.video import VideoSource, open_source
+from pfviz.vision.video import VideoSource, end_note, open_source
+from pfviz_app.outputs import check_outputs, replacing
+from pfviz_app.progress import Progress
 from pfviz_app.start_box import learn_from_start
 
 Sink = Callable[[TrackedFrame], None]
 
+_SHEETS = (".png", ".jpg", ".jpeg", ".webp")
+
 
 def run_track(options: argparse.Namespace) -> None:
-    """Run the command."""
+    """Run the command.
+
+    Raises:
+        ValueError: for whatever the user got wrong.
+        SystemExit: with code 130, if it was interrupted; what was done until then is kept.
+    """
+    outputs = {"--csv": options.csv, "--output": options.output, "--contact-sheet": options.contact_sheet}
+    check_outputs(outputs, options.force, options.source)
     kernels.warm_up()
     with ExitStack() as stack:
-        source = stack.enter_context(open_source(options.source))
-        model = learn_from_start(source, options.box, options.start_frame, options.model or DEFAULT_MODEL)
+        source = stack.enter_context(open_source(options.source, limits_of(options), options.frame_rate))
+        model = _model(source, options)
         sinks = list(_sinks(stack, options, model, source))
-        progress = _Progress(source, options.start_frame)
-        count = 0
-        for tracked in track(source, model, _filter(options), options.seed, options.start_frame):
-            for sink in sinks:
-                sink(tracked)
-            count += 1
-            progress.show(count)
-        progress.close(count)
+        interrupted = stack.enter_context(_interrupts())
+        count = _run(source, model, options, sinks, interrupted)
+        if interrupted() and not count:
+            raise KeyboardInterrupt
+        note = end_note(source)
+    if interrupted():
+        kept = ", ".join(display_name(name) for name in outputs.values() if name)
+        _say(f"interrupted after {count} frames{f'; they are kept in {kept}' if kept else ''}")
+        raise SystemExit(130)
+    if note:
+        _say(f"{display_name(options.source)} ended early, after {source.frame_count} frames: {note}")
 
 
-def _filter(options: argparse.Namespace):
-    return make_filter(options.filter, options.particles)
+def limits_of(options: argparse.Namespace) -> Limits:
+    """What the options allow a file to cost."""
+    return Limits(
+        max_bytes=options.max_megabytes * 10**6,
+        max_pixels=options.max_pixels,
+        max_frames=options.max_frames,
+        patience=options.patience,
+        max_memory=options.max_memory * 10**6,
+    )
+
+
+def _run(
+    source: VideoSource,
+    model: TrackerModel,
+    options: argparse.Namespace,
+    sinks: list[Sink],
+    interrupted: Callable[[], bool],
+) -> int:
+    """Track until the video ends or somebody interrupts; how many frames that were."""
+    progress = Progress(lambda: source.frame_count and max(source.frame_count - options.start_frame, 0))
+    count = 0
+    for tracked in track(source, model, _filter(options), options.seed, options.start_frame):
+        for sink in sinks:
+            sink(tracked)
+        count += 1
+        progress.show(count)
+        if interrupted():
+            break
+    progress.close(count)
+    return count
+
+
+def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:
+    """Of the object in the frame to learn from; where that is not the first, it may be anywhere at the start."""
+    name = options.model or DEFAULT_MODEL
+    if options.learn_frame is None or options.learn_frame == options.start_frame:
+        return learn_from_start(source, options.box, options.start_frame, name, options.polygon)
+    model = learn_from_start(source, options.box, options.learn_frame, name, options.polygon, "--learn-frame")
+    return model.given(NOT_YET_FOUND)
+
+
+def _filter(options: argparse.Namespace) -> Filter:
+    filter = make_filter(options.filter, options.particles)
+    return filter if options.no_restart else cast(Filter, Restarting(filter))
+
+
+@contextmanager
+def _interrupts() -> Iterator[Callable[[], bool]]:
+    """Whether there was an interrupt. The first asks to end after the frame that is worked on; another one raises."""
+    seen: list[int] = []
+
+    def note(number: int, frame: FrameType | None) -> None:
+        if seen:
+            raise KeyboardInterrupt
+        seen.append(number)
+
+    before = None
+    with suppress(ValueError):  # not in the main thread: whoever is decides
+        before = signal.signal(signal.SIGINT, note)
+    try:
+        yield lambda: bool(seen)
+    finally:
+        if before is not None:
+            signal.signal(signal.SIGINT, before)
 
 
 def _sinks(stack: ExitStack, options: argparse.Namespace, model: TrackerModel, source: VideoSource) -> Iterator[Sink]:
     """Where the frames go, as the options say; a table on stdout where they say nothing."""
+    writer = sheet = None
     if options.csv:
-        yield _csv_rows(stack.enter_context(_replacing(Path(options.csv))))
+        partial = stack.enter_context(replacing(Path(options.csv)))
+        yield _csv_rows(stack.enter_context(partial.open("w", encoding="utf-8", newline="")))
     if options.output:
         writer = stack.enter_context(VideoWriter(options.output, source.size, source.frame_rate))
-        yield lambda tracked: writer.write(draw_track(tracked.image, model, tracked.record, tracked.estimate))
+    if options.contact_sheet:
+        sheet = stack.enter_context(_contact_sheet(Path(options.contact_sheet)))
+    if writer or sheet:
+        yield lambda tracked: _draw(tracked, model, writer, sheet)
     if options.json:
-        yield lambda tracked: print(json.dumps(dict(zip(CSV_HEADER, tracked.row, strict=True))))
-    elif not (options.csv or options.output):
+        yield lambda tracked: print(json.dumps(json_row(tracked), allow_nan=False))
+    elif not (options.csv or options.output or options.contact_sheet):
         yield _csv_rows(sys.stdout)
 
 
@@ -65,47 +155,47 @@ def _csv_rows(stream: TextIO) -> Sink:
     return lambda tracked: writer.writerow([tracked.frame, *(f"{value:.6g}" for value in tracked.row[1:])])
 
 
+def json_row(tracked: TrackedFrame) -> dict[str, Any]:
+    """The columns of the CSV, whether the object is tracked or lost, and what else is known of the estimate.
+
+    What is not a number is null.
+    """
+    row: dict[str, Any] = dict(zip(CSV_HEADER, tracked.row, strict=True))
+    row |= {"state": tracked.status, "presence": tracked.presence.probability}
+    for field in fields(tracked.estimate):
+        if field.name not in ("x", "y", "rotation", "scale", "box"):
+            row[field.name] = np.asarray(getattr(tracked.estimate, field.name)).tolist()
+    return {key: None if isinstance(value, float) and not math.isfinite(value) else value for key, value in row.items()}
+
+
+def _draw(tracked: TrackedFrame, model: TrackerModel, writer: VideoWriter | None, sheet: ContactSheet | None) -> None:
+    """Draw a frame once for all that want it."""
+    if sheet is not None and not sheet.wants_next:
+        sheet.skip()
+        sheet = None
+    if writer is None and sheet is None:
+        return
+    drawn = draw_track(tracked.image, model, tracked.record, tracked.estimate)
+    if writer is not None:
+        writer.write(drawn)
+    if sheet is not None:
+        sheet.add(drawn, f"{tracked.frame}{'' if tracked.status == 'tracked' else '  lost'}")
+
+
 @contextmanager
-def _replacing(path: Path) -> Iterator[TextIO]:
-    """A text file that appears under its name when it is complete, or not at all."""
-    if path.is_dir():
-        raise ValueError(f"{path}: is a folder, expected the name of a CSV file to write")
-    if not path.parent.is_dir():
-        raise ValueError(f"{path}: there is no folder '{path.parent}' to write to")
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
-    try:
-        with partial.open("w", encoding="utf-8", newline="") as stream:
-            yield stream
-        os.replace(partial, path)
-    finally:
-        partial.unlink(missing_ok=True)
+def _contact_sheet(path: Path) -> Iterator[ContactSheet]:
+    """Written when the block is over, as the kind of image that the name ends in."""
+    suffix = path.suffix.lower()
+    if suffix not in _SHEETS:
+        raise ValueError(
+            f"--contact-sheet {display_name(path)}: expected the name of an image that ends in {', '.join(_SHEETS)}"
+        )
+    sheet = ContactSheet()
+    yield sheet
+    coded = cv2.imencode(suffix, sheet.picture())[1]
+    with replacing(path) as partial:
+        partial.write_bytes(coded.tobytes())
 
 
-class _Progress:
-    """A progress bar on stderr, where that is a terminal."""
-
-    def __init__(self, source: VideoSource, start_frame: int) -> None:
-        self._source, self._start = source, start_frame
-        self._began = time.monotonic()
-        self._shown = 0.0
-        self._on = sys.stderr.isatty()
-
-    def show(self, count: int) -> None:
-        now = time.monotonic()
-        if not self._on or now - self._shown < 0.2:
-            return
-        self._shown = now
-        rate = count / max(now - self._began, 1e-9)
-        total = self._source.frame_count
-        if total is None:
-            text = f"{count} frames"
-        else:
-            share = min(count / max(total - self._start, 1), 1.0)
-            bar = "█" * round(24 * share)
-            text = f"{bar:░<24} {count} of {total - self._start} frames"
-        print(f"\r{text}  {rate:.0f} frames/s   ", end="", file=sys.stderr, flush=True)
-
-    def close(self, count: int) -> None:
-        if self._on:
-            seconds = time.monotonic() - self._began
-            print(f"\r{count} frames in {seconds:.1f} s{' ' * 40}", file=sys.stderr)
+def _say(text: str) -> None:
+    print(f"pfviz: {text}", file=sys.stderr)

@@ -122,8 +122,9 @@ def test_track_writes_what_it_is_asked_for_and_only_that(capfd, workplace, disc_
     rows, lines = rows_of((workplace / "out.csv").read_text()), json_lines(outcome.out)
     assert len(rows) == len(lines) == 12
     for row, line in zip(rows, lines, strict=True):
-        assert list(line) == COLUMNS
-        assert list(row.values()) == pytest.approx(list(line.values()), rel=1e-4)
+        assert list(line)[: len(COLUMNS)] == COLUMNS
+        assert list(row.values()) == pytest.approx([line[column] for column in COLUMNS], rel=1e-4)
+        assert line["state"] == "tracked" and 0.5 < line["presence"] <= 1.0
 
 
 def frames_of(path):
@@ -242,12 +243,18 @@ def test_without_a_port_the_next_free_one_is_taken_and_said():
     assert "Traceback" not in rest
 
 
-def test_ctrl_c_stops_the_tables_at_once(tmp_path):
-    command = ["track", "scene:twin", "--particles", 2000, "--csv", tmp_path / "out.csv", "--json"]
-    with start(*command) as process:
+def test_ctrl_c_keeps_what_is_done_and_says_so(tmp_path):
+    outputs = ["--csv", tmp_path / "out.csv", "--output", tmp_path / "out.mp4", "--contact-sheet", tmp_path / "out.png"]
+    with start("track", "scene:twin", "--particles", 2000, "--json", *outputs) as process:
         assert json.loads(next(itertools.islice(process.stdout, 3, None)))["frame"] == 3
         process.send_signal(signal.SIGINT)
-        rest = process.stdout.read()
+        *lines, said = process.stdout.read().splitlines()
         assert process.wait(30) == 130
-    assert "Traceback" not in rest
-    assert listing(tmp_path) == []
+    count = 4 + len(lines)
+    assert json.loads(lines[-1] if lines else '{"frame": 3}')["frame"] == count - 1 < 149
+    assert said.startswith(f"pfviz: interrupted after {count} frames; they are kept in ")
+    assert all(name in said for name in ("out.csv", "out.mp4", "out.png"))
+    assert listing(tmp_path) == ["out.csv", "out.mp4", "out.png"]
+    assert [row["frame"] for row in rows_of((tmp_path / "out.csv").read_text())] == list(range(count))
+    assert len(frames_of(tmp_path / "out.mp4")[0]) == count
+    assert cv2.imread(str(tmp_path / "out.png")) is not None

@@ -167,7 +167,7 @@ def test_a_start_frame_past_the_end(capfd, disc_file, frame):
     assert f"--start-frame {frame}" in message and "12 frames" in message
 
 
-@pytest.mark.parametrize("option", ["--csv", "--output"])
+@pytest.mark.parametrize("option", ["--csv", "--output", "--contact-sheet"])
 def test_a_place_that_cannot_be_written_to(capfd, workplace, disc_file, option):
     words = ("track", disc_file, "--box", BOX, "--particles", 5)
     assert "nowhere" in message_of(run_here(capfd, *words, option, "nowhere/out.mp4"))
@@ -190,7 +190,8 @@ def test_an_error_in_the_middle_leaves_no_files_and_old_ones_alone(capfd, workpl
     original = commands_track.draw_track
     monkeypatch.setattr(commands_track, "draw_track", tired)
     words = ("track", disc_file, "--box", BOX, "--particles", 5)
-    message = message_of(run_here(capfd, *words, "--csv", "out.csv", "--output", "out.mp4"))
+    outputs = ("--csv", "out.csv", "--output", "out.mp4", "--contact-sheet", "out.png", "--force")
+    message = message_of(run_here(capfd, *words, *outputs))
     assert message == "the brush broke"
     assert listing(workplace) == ["out.csv"]
     assert (workplace / "out.csv").read_text() == "old"
