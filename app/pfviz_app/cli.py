@@ -1,4 +1,4 @@
-"""The command line: ``pfviz serve``, ``toy``, ``track``, ``worlds``, ``filters``.
+"""The command line: ``pfviz serve``, ``toy``, ``track``, ``experiment``, ``worlds``, ``filters``.
 
 Every error a user can make ends in one line on stderr, ``pfviz: error: ...``, and exit code 2.
 """
@@ -115,6 +115,7 @@ def build_parser() -> argparse.ArgumentParser:
     _add_serve(commands)
     _add_toy(commands)
     _add_track(commands)
+    _add_experiment(commands)
     for name, what in (("worlds", "the toy worlds"), ("filters", "the filters")):
         command = commands.add_parser(name, help=f"list {what}")
         command.add_argument("--json", action="store_true", help="as JSON Lines")
@@ -191,6 +192,19 @@ def _add_limits(command: argparse.ArgumentParser) -> None:
     group.add_argument("--patience", type=real_number(0.1, 1e6), default=20.0, metavar="SECONDS", help=help_)
 
 
+def _add_experiment(commands: Any) -> None:
+    names = (
+        "equal-time, tracking-error, loss-probability, regime-map, noise-robustness, recovery, unbiasedness, real-clips"
+    )
+    experiment = commands.add_parser("experiment", help="run an experiment: tables, figures and a report")
+    experiment.add_argument("name", metavar="NAME", help=names)
+    experiment.add_argument("--seeds", type=whole_number(1, 100_000), metavar="N", help="more or fewer than usual")
+    experiment.add_argument("--out", metavar="DIR", help="where the results go, and go on (default: results/NAME)")
+    where = experiment.add_mutually_exclusive_group()
+    where.add_argument("--workers", type=whole_number(1, 1024), metavar="N", help="processes (default: one a core)")
+    where.add_argument("--scheduler", metavar="ADDRESS", help="of a Dask cluster to run on: tcp://host:8786")
+
+
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; ``pfviz`` alone is ``pfviz serve``."""
     words = list(sys.argv[1:] if arguments is None else arguments)
@@ -244,6 +258,12 @@ def _track(options: argparse.Namespace) -> None:
     run_track(options)
 
 
+def _experiment(options: argparse.Namespace) -> None:
+    from pfviz_app.commands_experiment import run_experiment
+
+    run_experiment(options)
+
+
 def _worlds(options: argparse.Namespace) -> None:
     from pfviz_app.listings import list_worlds
 
@@ -260,6 +280,7 @@ _COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
     "serve": _serve,
     "toy": _toy,
     "track": _track,
+    "experiment": _experiment,
     "worlds": _worlds,
     "filters": _filters,
 }
