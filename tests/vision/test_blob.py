@@ -83,14 +83,11 @@ def test_it_is_a_proposal_of_x_and_y(detector):
     assert proposal.components == (0, 1)
 
 
-def test_the_grid_is_that_of_the_sources(detector):
-    assert detector.detect(ratio_with()).probabilities.shape == (18, 24)
-
-
 @pytest.mark.parametrize(
-    ("size", "scale", "columns"), [((240, 180), 0.5, 45), ((1920, 1440), 0.5, 96), ((60, 45), 0.3, 24)]
+    ("size", "scale", "columns"),
+    [((240, 180), 3.5, 24), ((240, 180), 1.0, 65), ((1920, 1440), 0.5, 160), ((60, 45), 0.3, 30)],
 )
-def test_small_objects_get_smaller_cells_within_reason(size, scale, columns):
+def test_the_grid_is_that_of_the_sources_or_as_much_finer_as_the_object_is_smaller(size, scale, columns):
     contour, centre = contour_from_polygon(scale * TRIANGLE + np.array(size) / 2)
     detector = BlobDetector.learn(np.full(size[::-1], 8, np.uint8), contour, centre, 1.0, size)
     assert detector.shape == (pytest.approx(0.75 * columns, abs=1), pytest.approx(columns, abs=2))
@@ -100,7 +97,28 @@ def test_small_objects_get_smaller_cells_within_reason(size, scale, columns):
 def test_the_peak_is_at_the_centre_of_the_object(detector, centre):
     probabilities = detector.detect(ratio_with(centre)).probabilities
     row, column = np.unravel_index(np.argmax(probabilities), probabilities.shape)
-    assert np.hypot((column + 0.5) * 10 - centre[0], (row + 0.5) * 10 - centre[1]) < 8.0
+    cell = SIZE[0] / probabilities.shape[1]
+    assert np.hypot((column + 0.5) * cell - centre[0], (row + 0.5) * cell - centre[1]) < 4.0
+
+
+@pytest.mark.parametrize("centre", [(60, 60), (31, 140), (205, 43), (117, 95)])
+def test_most_draws_are_near_the_centre_of_the_object_and_some_all_about_it(detector, centre):
+    draws = detector.detect(ratio_with(centre)).sample(np.random.default_rng(1), 4000)
+    away = np.hypot(*(draws - centre).T) / np.sqrt(abs(signed_area(TRIANGLE)))
+    assert (away < 0.25).mean() > 0.5
+    assert 0.1 < ((away > 0.25) & (away < 1.0)).mean() < 0.45
+
+
+def test_sharpening_moves_no_mass_from_peak_to_peak(detector):
+    """A weaker peak keeps what a power of the response gives it."""
+    halved = np.where(ratio_with((180.0, 120.0)) > 128, 160, ratio_with((60.0, 60.0))).astype(np.uint8)
+    shares = []
+    for sharp_share in (0.0, 0.9):
+        draws = replace(detector, sharp_share=sharp_share).detect(halved).sample(np.random.default_rng(0), 20_000)
+        one, other = ((np.hypot(*(draws - at).T) < 20.0).sum() for at in ([60, 60], [180, 120]))
+        shares.append(other / (one + other))
+    assert 0.02 < shares[0] < 0.4
+    assert shares[1] == pytest.approx(shares[0], rel=0.25)
 
 
 def test_draws_crowd_at_the_centre_as_those_of_a_flat_mask_would_not(detector):
@@ -118,7 +136,7 @@ def test_two_of_a_kind_share_the_draws(detector):
 
 def test_without_the_object_the_proposal_is_flat(detector):
     probabilities = detector.detect(ratio_with()).probabilities
-    np.testing.assert_allclose(probabilities, 1.0 / probabilities.size, rtol=0.01)
+    np.testing.assert_allclose(probabilities, 1.0 / probabilities.size, rtol=0.05)
 
 
 def test_it_is_positive_everywhere_in_the_frame(detector):

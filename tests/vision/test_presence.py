@@ -186,22 +186,42 @@ def test_a_restart_is_recorded_as_it_was_made(name):
     anew = stage.particles.innovation[fresh]
     assert np.isfinite(stage.proposal.log_density(anew[:, :2])).all()
     assert len(np.unique(anew[:, 0])) == 60
-    assert weighed_posterior(record) is before
-    assert record.stages[-2].kind in ("weight", "resample") and record.stage("weight") is not stage
+    weighed = record.stage("weight")
+    assert weighed is not None and weighed_posterior(record) is weighed.particles
 
 
 @pytest.mark.parametrize("lost", [False, True])
-def test_a_step_is_that_of_the_filter_itself_while_the_object_is_there(lost):
+@pytest.mark.parametrize(("name", "added"), [("rb-ss-hs-sir", ["resample"]), ("condensation", []), ("hs-sir", [])])
+def test_a_step_is_that_of_the_filter_itself_while_the_object_is_there(lost, name, added):
     source = Blinking(range(0))
-    start, inner = source.model(0), make_filter("rb-ss-hs-sir", n_particles=100)
+    start, inner = source.model(0), make_filter(name, n_particles=100)
     model = start.given(NOT_YET_FOUND if lost else AT_START)
     particles = inner.initial(step_rng(3, 0), start)
     features = model.observe(source.read(0))
     plain = inner.step(step_rng(3, 1), model, particles, features)
     wrapped = Restarting(inner).step(step_rng(3, 1), model, particles, features)
-    assert len(plain.stages) == len(wrapped.stages)
-    np.testing.assert_array_equal(plain.posterior.states, wrapped.posterior.states)
+    assert [stage.kind for stage in wrapped.stages] == [stage.kind for stage in plain.stages] + added
+    for one, other in zip(plain.stages, wrapped.stages, strict=False):
+        np.testing.assert_array_equal(one.particles.states, other.particles.states)
+        np.testing.assert_array_equal(one.particles.log_weights, other.particles.log_weights)
     assert plain.log_evidence == wrapped.log_evidence
+    assert plain.effective_sample_size == wrapped.effective_sample_size
+    assert model.estimate(plain) == model.estimate(wrapped)
+
+
+def test_resampling_copies_particles_in_proportion_to_their_weights_and_drops_the_lightest():
+    source = Blinking(range(0))
+    model = source.model(0)
+    filter_ = Restarting(make_filter("rb-ss-hs-sir", n_particles=100))
+    record = filter_.step(step_rng(3, 1), model, filter_.initial(step_rng(3, 0), model), model.observe(source.read(0)))
+    weighed, resampled = record.stages[-2:]
+    assert resampled.ancestors is not None and weighed.histories is not None
+    counts = np.bincount(resampled.ancestors, minlength=100)
+    assert (np.abs(counts - 100 * weighed.particles.weights) < 1.0).all()
+    assert (weighed.particles.weights < 1e-6).any() and not counts[weighed.particles.weights < 1e-6].any()
+    np.testing.assert_array_equal(record.posterior.states, weighed.particles.states[resampled.ancestors])
+    np.testing.assert_array_equal(record.histories, weighed.histories[resampled.ancestors])
+    np.testing.assert_allclose(record.posterior.weights, 0.01)
 
 
 def test_a_step_with_a_restart_can_be_replayed_alone():

@@ -1,12 +1,14 @@
 """The Gaussian colour-blob detector, and the proposal that is drawn from its output.
 
 The sources (section 3) down-sample the detector's output to 24 x 18 for frames of 240 x 180, draw a cell, and
-add a uniform perturbation of fine scale. So does this: the density is piecewise constant and known exactly.
+add a uniform perturbation of fine scale. So does this, on a grid that is as much finer as the object's size asks for:
+the density is piecewise constant and known exactly.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,9 +19,12 @@ from pfviz.particles import FloatArray, readonly
 from pfviz.vision.colour import decode
 from pfviz.vision.shapes import Contour
 
-_COLUMNS, _MOST_COLUMNS = 24, 96
-_CELL_SHARE = 0.3
+_COLUMNS, _MOST_COLUMNS = 24, 160
+_CELL_SHARE = 0.1
+_PEAK_SPREAD = 0.08
+_PEAK_WINDOW = 0.35
 _SIZE_ON_MAP = 12.0
+_SHARPNESS = 6.0
 _SURROUND = 1.7
 _SURROUND_WEIGHT = 0.5
 _PROBABILITY = (1.0 / (1.0 + np.exp(-decode(np.arange(256, dtype=np.uint8))))).astype(np.float32)
@@ -89,8 +94,12 @@ class BlobDetector:
 
     Every pixel has a probability of being the object's rather than the background's. Its mean over the
     object's own silhouette, averaged over all rotations, less a part of the mean over the surround, is the
-    response: it peaks at the object's centre, where a mere colour mask is flat. Cells are weighed by a power
-    of the response plus a floor.
+    response r: it peaks at the object's centre, where a mere colour mask is flat. The density is a mixture of
+
+    - *broad* peaks, a power of r: how much a place looks like the object;
+    - *sharp* peaks, the same times a high power of r over its maximum nearby: every peak keeps its share of the
+      mass, and becomes about as narrow as the likelihood is, so that few particles are spent on its slopes;
+    - a *floor*, the same everywhere: no place is excluded.
 
     Attributes:
         size: width and height of the frame in pixels.
@@ -99,6 +108,14 @@ class BlobDetector:
         kernel: ``(n, n)``, what the response is correlated with.
         offset: ``(2,)``, where the peak lies relative to the object's centre, in pixels of the map.
         sharpness: the power of the response.
+        peak_power: the further power of the response relative to its maximum nearby.
+        sharp_share: the part of the mass of the peaks that is sharp.
+        floor: the mass spread evenly over the image, relative to that of one clearly seen object.
+        reference: ``(2, m)``, the response about the object when it was learnt and the same over its maximum nearby,
+            which tell how much one such object weighs.
+        sharpness: the power of the response.
+        peak_power: the further power of the response relative to its maximum nearby.
+        sharp_share: the part of the mass of the peaks that is sharp.
         floor: the mass spread evenly over the image, relative to that of one clearly seen object.
         reference: ``(m,)``, the response about the object when it was learnt, which tells how much one such
             object weighs.
@@ -110,7 +127,9 @@ class BlobDetector:
     kernel: NDArray[np.float32]
     offset: FloatArray
     reference: FloatArray
-    sharpness: float = 6.0
+    sharpness: float = _SHARPNESS
+    peak_power: float = 0.0
+    sharp_share: float = 0.5
     floor: float = 0.1
 
     @classmethod
@@ -125,12 +144,15 @@ class BlobDetector:
         """From the colour ``ratio (h, w)`` of the working image with ``contour`` at ``centre``."""
         map_scale = min(1.0, _SIZE_ON_MAP / (contour.size * working_scale))
         kernel = _kernel(contour.outline() * (working_scale * map_scale))
-        plain = cls(size, _grid_shape(size, contour.size), map_scale, kernel, np.zeros(2), np.ones(1))
+        plain = cls(size, _grid_shape(size, contour.size), map_scale, kernel, np.zeros(2), np.ones((2, 1)))
         response = plain.response(ratio).astype(float)
         away = _offsets_from(centre * (working_scale * map_scale), response.shape)
         distance = np.hypot(*away)
         offset = _peak_offset(response, away, distance <= 0.5 * _SIZE_ON_MAP)
-        return replace(plain, offset=offset, reference=response[distance <= _SIZE_ON_MAP])
+        about = distance <= _SIZE_ON_MAP
+        reference = np.stack([response[about], relative_to_peaks(response)[about]])
+        power = _peak_power(*reference, away[:, about])
+        return replace(plain, offset=offset, reference=reference, peak_power=power)
 
     def response(self, ratio: NDArray[np.uint8]) -> NDArray[np.float32]:
         """``(h, w)`` of the response map, between 0 and 1, from the colour ratio of the working image."""
@@ -141,24 +163,64 @@ class BlobDetector:
         return np.asarray(np.clip(filtered, 0.0, 1.0), dtype=np.float32)
 
     def cells(self, ratio: NDArray[np.uint8]) -> FloatArray:
-        """``(rows, columns)``: the response raised to its power, offset-corrected and down-sampled."""
-        response = self.response(ratio) ** np.float32(self.sharpness)
+        """``(rows, columns)``: the mass of the peaks, in objects like the one that was learnt; offset-corrected."""
+        response = self.response(ratio)
+        mass = self._mass(response, relative_to_peaks(response)) / self._one_object
         if self.offset.any():
             shift = np.array([[1.0, 0.0, -self.offset[0]], [0.0, 1.0, -self.offset[1]]])
-            response = cv2.warpAffine(response, shift, response.shape[::-1])
+            mass = cv2.warpAffine(mass, shift, mass.shape[::-1])
         rows, columns = self.shape
-        return cv2.resize(response, (columns, rows), interpolation=cv2.INTER_AREA).astype(float)
+        area = mass.size / (rows * columns)
+        return area * cv2.resize(mass, (columns, rows), interpolation=_interpolation(area)).astype(float)
+
+    def _mass(self, response: NDArray[Any], relative: NDArray[Any]) -> NDArray[Any]:
+        """The mixture of broad and sharp peaks, each weighing on its own what it weighs on the reference."""
+        broad = response**self.sharpness
+        if not self.peak_power:
+            return broad
+        own, own_relative = self.reference
+        blunting = np.sum(own**self.sharpness) / np.sum(own**self.sharpness * own_relative**self.peak_power)
+        return broad * (1.0 - self.sharp_share + self.sharp_share * blunting * relative**self.peak_power)
+
+    @property
+    def _one_object(self) -> float:
+        return max(float(np.sum(self._mass(*self.reference))), 1e-6)
 
     def detect(self, ratio: NDArray[np.uint8]) -> GridProposal:
         """The proposal for a frame, from the colour ratio of its working image."""
         cells = self.cells(ratio)
-        area = np.prod(ratio.shape) * self.map_scale**2 / cells.size
-        one_object = max(float(np.sum(self.reference**self.sharpness)) / area, 1e-6)
-        return GridProposal(cells + self.floor * one_object / cells.size, self.size)
+        return GridProposal(cells + self.floor / cells.size, self.size)
 
     def widened(self, factor: float) -> BlobDetector:
         """A detector that is less sure of itself (``factor`` above 1) or surer (below)."""
-        return replace(self, sharpness=self.sharpness / factor**2, floor=self.floor * factor**2)
+        powers = {"sharpness": self.sharpness / factor**2, "peak_power": self.peak_power / factor**2}
+        return replace(self, **powers, floor=self.floor * factor**2)
+
+
+def relative_to_peaks(response: NDArray[Any]) -> NDArray[Any]:
+    """``(h, w)``: the ``response`` over its maximum within about a third of the object's size; 0 where all is 0."""
+    width = 2 * round(_PEAK_WINDOW * _SIZE_ON_MAP) + 1
+    peaks = cv2.dilate(response, np.ones((width, width), np.uint8))
+    return response / np.maximum(peaks, 1e-6)
+
+
+def _peak_power(response: FloatArray, relative: FloatArray, away: FloatArray) -> float:
+    """The power that makes the peak about as narrow as wanted, from responses ``(m,)`` at ``away (2, m)`` from it."""
+    for power in (0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0):
+        weights = response**_SHARPNESS * relative**power
+        total = weights.sum()
+        if total <= 0.0:
+            return 0.0
+        mean = away @ weights / total
+        spread = np.sqrt(np.square(away - mean[:, None]) @ weights / total).mean()
+        if spread <= _PEAK_SPREAD * _SIZE_ON_MAP:
+            break
+    return power
+
+
+def _interpolation(area: float) -> int:
+    """How to resize: averaged where ``area`` pixels become one, interpolated where one becomes several."""
+    return cv2.INTER_AREA if area >= 1.0 else cv2.INTER_LINEAR
 
 
 def _grid_shape(size: tuple[int, int], object_size: float) -> tuple[int, int]:

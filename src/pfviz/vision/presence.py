@@ -116,6 +116,8 @@ def is_restart(stage: Stage) -> bool:
 
 
 def weighed_posterior(record: StepRecord) -> ParticleSet:
-    """The posterior of a step, before any restart that followed it."""
-    stages = record.stages
-    return stages[-2].particles if len(stages) > 1 and is_restart(stages[-1]) else record.posterior
+    """The posterior of a step as it was weighed, before any resampling or restart that followed it."""
+    last = len(record.stages) - 1
+    while last > 0 and record.stages[last].kind == "resample":
+        last -= 1
+    return record.stages[last].particles if record.stages[last].kind == "weight" else record.posterior

@@ -1,4 +1,4 @@
-"""Looking for an object that is lost: some particles start anew where the detector points."""
+"""What a tracker adds to a filter: it forgets what it hardly believes, and looks for an object that is lost."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ import numpy as np
 
 from pfviz.filters import steps
 from pfviz.filters.registry import Filter
-from pfviz.model import is_missing
 from pfviz.particles import ParticleSet
 from pfviz.randomness import Streams
 from pfviz.record import Stage, StepRecord
@@ -18,18 +17,22 @@ from pfviz.vision.tracker import TrackerModel
 
 @dataclass(frozen=True, slots=True)
 class Restarting:
-    """Any filter; while the object is lost, a share of its particles starts anew in every frame.
+    """Any filter, whose posterior is resampled, and some of whose particles start anew while the object is lost.
 
-    The step is that of ``filter``. Then, if the model says that the object is lost (``TrackerModel.searching``) and the
-    estimate's score in this frame is still below that at which it would count as found, one more stage follows: the
-    posterior is resampled, and the last ``share`` of the copies are replaced by states drawn from the model's prior of
-    an object that may be anywhere, moved to where the detector points, u ~ pi(u | y), velocity and all. They have no
-    history (-1), as the re-initialised particles of ICondensation (Isard & Blake 1998), and are weighed for the first
-    time in the next step, by whatever ``filter`` does there.
+    The step is that of ``filter``, unchanged. One more stage may follow.
 
-    While the object is tracked the record is that of ``filter``, unchanged, and so are its properties. A restart puts
-    in a probability that the dynamics know nothing of, where the data point, so the evidence of a run with restarts in
-    it is biased.
+    *Resampling*, where the filter itself has not resampled. A filter that keeps its weights keeps the smallest too: a
+    place that looks like the object keeps drawing histories, if only with weights of 1e-100, and grows from that as
+    soon as it looks a little more like the object than the object does, in frame after frame, as if frames were
+    independent. In N equal particles a place that is believed in with less than 1/N has probably none. Unbiased.
+
+    *Restarts*, while the model says that the object is lost (``TrackerModel.searching``) and as long as the estimate's
+    score in the frame is below that at which it would count as found. The last ``share`` of the copies made by the
+    resampling are replaced by states drawn from the model's prior of an object that may be anywhere, moved to where the
+    detector points, u ~ pi(u | y), velocity and all. They have no history (-1), as the re-initialised particles of
+    ICondensation (Isard & Blake 1998), and are weighed for the first time in the next step, by whatever ``filter`` does
+    there. That puts in a probability that the dynamics know nothing of, where the data point, so the evidence of a run
+    with restarts in it is biased.
 
     Attributes:
         filter: what runs.
@@ -49,11 +52,15 @@ class Restarting:
         self, rng: np.random.Generator, model: TrackerModel, particles: ParticleSet, observation: Any
     ) -> StepRecord:
         record = self.filter.step(rng, model, particles, observation)
-        count = round(self.share * len(record.posterior))
-        searching = getattr(model, "searching", False) and not is_missing(observation)
-        if not searching or count == 0 or model.score(record) >= model.presence_rule.found_threshold:
+        if record.condition == "missing":
             return record
-        return steps.extend(record, _restarted(Streams(rng), model, record, count))
+        count = round(self.share * len(record.posterior))
+        lost = getattr(model, "searching", False) and model.score(record) < model.presence_rule.found_threshold
+        if lost and count:
+            return steps.extend(record, _restarted(Streams(rng), model, record, count))
+        if record.stage("resample") is None:
+            return steps.extend(record, steps.select(Streams(rng), record.stages[-1], "systematic"))
+        return record
 
 
 def _restarted(streams: Streams, model: TrackerModel, record: StepRecord, count: int) -> Stage:
