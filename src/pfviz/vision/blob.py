@@ -148,10 +148,10 @@ class BlobDetector:
         response = plain.response(ratio).astype(float)
         away = _offsets_from(centre * (working_scale * map_scale), response.shape)
         distance = np.hypot(*away)
-        offset = _peak_offset(response, away, distance <= 0.5 * _SIZE_ON_MAP)
         about = distance <= _SIZE_ON_MAP
         reference = np.stack([response[about], relative_to_peaks(response)[about]])
         power = _peak_power(*reference, away[:, about])
+        offset = _peak(*reference, away[:, about], power)[0]
         return replace(plain, offset=offset, reference=reference, peak_power=power)
 
     def response(self, ratio: NDArray[np.uint8]) -> NDArray[np.float32]:
@@ -205,17 +205,24 @@ def relative_to_peaks(response: NDArray[Any]) -> NDArray[Any]:
 
 
 def _peak_power(response: FloatArray, relative: FloatArray, away: FloatArray) -> float:
-    """The power that makes the peak about as narrow as wanted, from responses ``(m,)`` at ``away (2, m)`` from it."""
-    for power in (0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0):
-        weights = response**_SHARPNESS * relative**power
-        total = weights.sum()
-        if total <= 0.0:
-            return 0.0
-        mean = away @ weights / total
-        spread = np.sqrt(np.square(away - mean[:, None]) @ weights / total).mean()
-        if spread <= _PEAK_SPREAD * _SIZE_ON_MAP:
-            break
-    return power
+    """The power that makes the peak about as narrow as wanted; arguments as ``_peak``."""
+    powers = (0.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
+    narrow = (p for p in powers if _peak(response, relative, away, p)[1] <= _PEAK_SPREAD * _SIZE_ON_MAP)
+    return next(narrow, powers[-1])
+
+
+def _peak(response: FloatArray, relative: FloatArray, away: FloatArray, power: float) -> tuple[FloatArray, float]:
+    """The centre ``(2,)`` of the sharp mass about the object and its standard deviation, in pixels of the map.
+
+    From the ``response (m,)``, the same ``relative (m,)`` to its maximum nearby, and the way ``away (2, m)`` from the
+    object's centre.
+    """
+    weights = response**_SHARPNESS * relative**power
+    if weights.sum() <= 0.0:
+        return np.zeros(2), 0.0
+    weights = weights / weights.sum()
+    centre = away @ weights
+    return centre, float(np.sqrt(np.square(away - centre[:, None]) @ weights).mean())
 
 
 def _interpolation(area: float) -> int:
@@ -254,10 +261,3 @@ def _offsets_from(centre: FloatArray, shape: tuple[int, ...]) -> FloatArray:
     """``(2, h, w)``: the way in x and y from ``centre`` to the middle of every pixel."""
     rows, columns = np.indices(shape)
     return np.stack([columns + 0.5 - centre[0], rows + 0.5 - centre[1]])
-
-
-def _peak_offset(response: FloatArray, away: FloatArray, near: NDArray[np.bool_]) -> FloatArray:
-    """``(2,)``: from the object's centre to the centre of mass of the response's peak, in map pixels."""
-    weights = np.where(near, response**3, 0.0)
-    total = weights.sum()
-    return np.zeros(2) if total <= 0 else (away * weights).sum(axis=(1, 2)) / total
