@@ -219,13 +219,17 @@ def test_components_that_were_not_proposed_are_drawn_where_they_were_completed()
 
     model = ToyModel(plane.dynamics, plane.observed, OneAxis(), plane.prior)
     observations = get_world("plane").record(0, 2).observations
-    for name in ("rb-ss-hs-sir", "basic-sir", "hs-sir"):
+    for name in ("rb-ss-hs-sir", "basic-sir", "hs-sir", "innovation-sir"):
         record = list(run(make_filter(name, 12), model, observations))[-1]
         assert proposal_stage(record).particles.dimension == 1
         figure = plot_step(record, model)
         orange = points_of(figure, style.PROPOSAL)[-1]
-        new = outcome(record).particles.innovation
-        assert all(any(np.allclose(place, known) for place in orange) for known in new)
+        new = outcome(record)
+        np.testing.assert_array_equal(orange[new.proposed, 0], new.particles.innovation[:, 0])
+        assert all(
+            (orange[target] == new.particles.innovation[new.proposed == target]).all(axis=1).any()
+            for target in new.proposed
+        )
 
 
 def test_more_dimensions_are_refused():
@@ -328,6 +332,7 @@ def test_files_are_what_they_are_called():
     assert picture.shape[:2] == (int(50 * height), int(50 * width))
     assert b"<svg" in svg[:600] and b"<image" not in svg and svg.rstrip().endswith(b"</svg>")
     assert pdf.startswith(b"%PDF-") and b"/FontFile2" in pdf and b"/Subtype /Image" not in pdf
+    assert b"/CreationDate" not in pdf and b"<dc:date>" not in svg
 
 
 @pytest.mark.parametrize("kind", ["png", "svg", "pdf"])

@@ -61,11 +61,8 @@ def _drawn(record: StepRecord) -> int:
 
 def outcome(record: StepRecord) -> Outcome:
     """The new particles, each with its history and the innovation that it came from."""
-    position = max(
-        i
-        for i, stage in enumerate(record.stages)
-        if i >= _drawn(record) and stage.kind in _MADE and stage.histories is not None
-    )
+    made = [i for i, stage in enumerate(record.stages) if stage.kind in _MADE and stage.histories is not None]
+    position = made[-1]
     stage = record.stages[position]
     assert stage.histories is not None
     return Outcome(stage.particles, relative(stage.particles.weights), stage.histories, _traced(record, position))
