@@ -220,7 +220,7 @@ def test_components_that_were_not_proposed_are_drawn_where_they_were_completed()
     model = ToyModel(plane.dynamics, plane.observed, OneAxis(), plane.prior)
     observations = get_world("plane").record(0, 2).observations
     for name in ("rb-ss-hs-sir", "basic-sir", "hs-sir", "innovation-sir"):
-        record = list(run(make_filter(name, 12), model, observations))[-1]
+        record = list(run(make_filter(name, 60), model, observations))[-1]
         assert proposal_stage(record).particles.dimension == 1
         figure = plot_step(record, model)
         orange = points_of(figure, style.PROPOSAL)[-1]

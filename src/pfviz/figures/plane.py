@@ -78,7 +78,9 @@ def _panel(figure: Figure, number: int, span: Span, name: str) -> Axes:
 
 def _span(record: StepRecord, truth: FloatArray | None) -> Span:
     """A square that everything fits in."""
-    places = [record.previous.states, proposal_stage(record).particles.states, record.posterior.states]
+    drawn = proposal_stage(record).particles.states
+    places = [record.previous.states, record.posterior.states]
+    places += [drawn] if drawn.shape[2] == 2 else [outcome(record).particles.states]
     places += [] if truth is None else [truth]
     points = np.concatenate([place.reshape(-1, 2) for place in places])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
@@ -137,9 +139,9 @@ def _proposed(axes: Axes, record: StepRecord, model: Model, span: Span) -> None:
 
 
 def _completed(record: StepRecord) -> FloatArray:
-    """``(N, 2)``: the innovations with what the proposal did not cover, as the new particles have it."""
+    """``(N, 2)``: the innovations with what the proposal did not cover, as the new particles have it; NaN for none."""
     new = outcome(record)
-    whole = np.zeros((len(proposal_stage(record).particles), 2))
+    whole = np.full((len(proposal_stage(record).particles), 2), np.nan)
     whole[new.proposed] = new.particles.innovation
     return whole
 
