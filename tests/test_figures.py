@@ -212,7 +212,7 @@ def test_components_that_were_not_proposed_are_drawn_where_they_were_completed()
 
     class OneAxis:
         def __call__(self, observation: np.ndarray):
-            return replace(Detector(0.3, np.zeros((1, 1)), np.ones(1))(observation[:1, :1]), components=(0,))
+            return replace(Detector(2.0, np.zeros((1, 1)), np.ones(1))(observation[:1, :1]), components=(0,))
 
         def with_width(self, factor: float) -> OneAxis:
             return self
