@@ -37,6 +37,17 @@ from pfviz.kernels.histories import (
     sample_histories_numpy,
 )
 from pfviz.kernels.propagation import propagate, propagate_numpy, standard_normals_numpy
+from pfviz.kernels.regions import (
+    NO_BIN,
+    normalised,
+    patch_correlations,
+    patch_correlations_numpy,
+    patch_values,
+    region_affinities,
+    region_affinities_numpy,
+    weighted_sums,
+    weighted_sums_numpy,
+)
 from pfviz.kernels.weights import (
     NormalisedWeights,
     normalise_log_weights,
@@ -46,6 +57,7 @@ from pfviz.kernels.weights import (
 )
 
 __all__ = [
+    "NO_BIN",
     "Backend",
     "EdgeMap",
     "NormalisedWeights",
@@ -56,9 +68,15 @@ __all__ = [
     "log_mixture_density_numpy",
     "normalise_log_weights",
     "normalise_log_weights_numpy",
+    "normalised",
     "pad_edges",
+    "patch_correlations",
+    "patch_correlations_numpy",
+    "patch_values",
     "propagate",
     "propagate_numpy",
+    "region_affinities",
+    "region_affinities_numpy",
     "sample_histories",
     "sample_histories_numpy",
     "scan_contours",
@@ -69,4 +87,6 @@ __all__ = [
     "systematic_ancestors_numpy",
     "use_numpy",
     "warm_up",
+    "weighted_sums",
+    "weighted_sums_numpy",
 ]

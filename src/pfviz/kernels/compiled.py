@@ -347,6 +347,76 @@ def scan_contours(padded, margin, transforms, points, normals, cost, log_likelih
         log_likelihood[n] = total
 
 
+# --- regions of an image
+# ------------------------------------------------------------------------------------------------------
+
+
+@njit(error_model="numpy")
+def _pixel(transform, x, y, width, height):
+    """The index of the pixel that a point is put into; one of the border for what is outside or not finite."""
+    u = transform[0, 0] * x + transform[0, 1] * y + transform[0, 2]
+    v = transform[1, 0] * x + transform[1, 1] * y + transform[1, 2]
+    u = u if u > 0.0 else 0.0
+    v = v if v > 0.0 else 0.0
+    u = u if u < width - 1.0 else width - 1.0
+    v = v if v < height - 1.0 else height - 1.0
+    return np.uint64(np.int64(v) * width + np.int64(u))
+
+
+@kernel(types.void(_in(u1, 2), _in(f8, 3), _in(f8, 2), _in(f8, 1), _out(f8, 1)))
+def weighted_sums(image, transforms, points, weights, sums):
+    """For each transform the sum of the pixels under ``points (M, 2)``, each times its weight."""
+    height, width = image.shape
+    pixels = image.reshape(width * height)
+    for n in range(len(transforms)):
+        transform = transforms[n]
+        total = 0.0
+        for j in range(len(points)):
+            total += weights[j] * pixels[_pixel(transform, points[j, 0], points[j, 1], width, height)]
+        sums[n] = total
+
+
+@kernel(types.void(_in(u1, 2), _in(f8, 3), _in(f8, 2), _in(i8, 1), _in(f8, 2), _out(f8, 1)), fastmath=FAST)
+def region_affinities(bins, transforms, points, starts, roots, affinities):
+    """For each transform the mean Bhattacharyya coefficient of the regions; see ``pfviz.kernels.regions``."""
+    height, width = bins.shape
+    pixels = bins.reshape(width * height)
+    regions, count = roots.shape
+    histogram = np.empty(256)
+    for n in range(len(transforms)):
+        transform = transforms[n]
+        total = 0.0
+        for r in range(regions):
+            histogram[:] = 0.0
+            for j in range(starts[r], starts[r + 1]):
+                histogram[pixels[_pixel(transform, points[j, 0], points[j, 1], width, height)]] += 1.0
+            affinity = 0.0
+            for b in range(count):
+                affinity += roots[r, b] * math.sqrt(histogram[b])
+            total += affinity / math.sqrt(starts[r + 1] - starts[r])
+        affinities[n] = total / regions
+
+
+@kernel(types.void(_in(u1, 2), _in(f8, 3), _in(f8, 2), _in(f8, 1), _out(f8, 1)))
+def patch_correlations(image, transforms, points, template, correlations):
+    """For each transform the correlation of the pixels under ``points (M, 2)`` with ``template (M,)``."""
+    height, width = image.shape
+    pixels = image.reshape(width * height)
+    count = len(points)
+    for n in range(len(transforms)):
+        transform = transforms[n]
+        total = 0.0
+        squares = 0.0
+        product = 0.0
+        for j in range(count):
+            value = np.float64(pixels[_pixel(transform, points[j, 0], points[j, 1], width, height)])
+            total += value
+            squares += value * value
+            product += value * template[j]
+        variance = squares - total * total / count
+        correlations[n] = product / math.sqrt(variance) if variance > 0.5 else 0.0
+
+
 # --- propagation
 # ----------------------------------------------------------------------------------------------
 

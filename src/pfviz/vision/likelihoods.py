@@ -8,12 +8,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pfviz.kernels import EdgeMap, scan_contours, scan_offsets_numpy
+from pfviz.kernels import EdgeMap, scan_contours, scan_offsets_numpy, weighted_sums
 from pfviz.particles import FloatArray, readonly
-from pfviz.vision.colour import decode
-from pfviz.vision.shapes import Contour, apply
-
-_CODE_VALUES = decode(np.arange(256, dtype=np.uint8))
+from pfviz.vision.colour import CODE_STEPS, CODE_ZERO
+from pfviz.vision.shapes import Contour
 
 
 def pixel_centred(transforms: FloatArray) -> FloatArray:
@@ -108,12 +106,10 @@ class ColourLikelihood:
 
         ``ratio`` must have a margin of one pixel of the code for zero on every side.
         """
-        height, width = ratio.shape
-        at = np.floor(apply(transforms, self.points)).astype(np.intp) + 1
-        columns = np.clip(at[..., 0], 0, width - 1)
-        rows = np.clip(at[..., 1], 0, height - 1)
-        values = _CODE_VALUES[ratio.ravel().take(rows * width + columns)]
-        return self.strength * (values @ self.weights)
+        with_margin = np.array(transforms)
+        with_margin[:, :, 2] += 1.0
+        sums = weighted_sums(ratio, with_margin, self.points, self.weights)
+        return self.strength / CODE_STEPS * (sums - CODE_ZERO * self.weights.sum())
 
     def with_noise(self, factor: float) -> ColourLikelihood:
         return replace(self, strength=self.strength / factor**2)
