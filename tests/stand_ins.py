@@ -21,6 +21,7 @@ from pfviz_app.picture import Pick, Picture
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
 
+from pfviz.particles import FloatArray
 from pfviz.vision.tracker import TrackerModel, learn_tracker
 from pfviz.vision.video import EndOfVideo, Image, Truth, VideoError, silence_opencv
 
@@ -103,7 +104,8 @@ def write_disc_video(path: Path, frames: int = 12) -> Path:
 class Screen:
     """A view that remembers what it was told to draw. While ``open`` is not set, drawing waits.
 
-    Particle x of the toy lies at pixel (x, y) for every y; left of it there is nothing.
+    Particle x of the toy lies at pixel (x, y) for every y; left of it there is nothing. A pixel also stands for the
+    same place in the toy's world, and in the frame where it is not negative.
     """
 
     def __init__(self) -> None:
@@ -129,6 +131,12 @@ class Screen:
 
     def pick(self, x: float, y: float) -> Pick | None:
         return Pick("toy", int(x)) if x >= 0 else None
+
+    def toy_place(self, x: float, y: float) -> FloatArray | None:
+        return np.array([x])
+
+    def frame_place(self, x: float, y: float) -> tuple[float, float] | None:
+        return (x, y) if min(x, y) >= 0 else None
 
     def wait_for(self, condition: Callable[[Picture], bool], timeout: float = 60.0) -> Picture:
         """The first picture drawn from now on, or the last one, for which ``condition`` holds."""

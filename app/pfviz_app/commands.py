@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -104,6 +104,13 @@ class Arrange:
 
 
 @dataclass(frozen=True, slots=True)
+class Ask:
+    """Answer something about the picture on screen, in the thread that alone may look at it."""
+
+    answer: Callable[[Any], None]
+
+
+@dataclass(frozen=True, slots=True)
 class Reset:
     """Begin again at time 0."""
 
@@ -135,6 +142,7 @@ Command = (
     | Load
     | Open
     | Arrange
+    | Ask
     | Reset
     | Resize
     | Close

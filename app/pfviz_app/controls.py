@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
 from dataclasses import fields
@@ -9,21 +10,29 @@ from typing import Any
 
 import viser
 
+from pfviz import kernels
 from pfviz.worlds import WORLDS
 from pfviz_app.algorithms import algorithm
-from pfviz_app.commands import Command, Open, Play, Reset, Seek, Set, Step, Walk
+from pfviz_app.commands import Arrange, Command, Keep, Play, Reset, Seek, Set, Step, Walk
+from pfviz_app.comparison import comparison_html
 from pfviz_app.explanations import explanation, legend
+from pfviz_app.guide import show_guide
+from pfviz_app.own_video import OwnVideo
 from pfviz_app.picture import Picture
 from pfviz_app.plots import Plots
 from pfviz_app.receipt import Receipt, receipt, receipt_html
-from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings, command_line
-from pfviz_app.share import Shared, encode
+from pfviz_app.scenarios import SCENARIOS
+from pfviz_app.settings import CONTROLS, GROUPS, Control, Settings
+from pfviz_app.sharing import Sharing
 from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
 _TWO_DOCKS = 1150
 _LAST_STAGE, _NEXT_STAGE = "‹ before", "after ›"
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
+_BRANCH, _HELP = "Branch here", "Help, keys"
+_NO_SITUATION = "choose one …"
+_SITUATIONS = {scenario.title: scenario.name for scenario in SCENARIOS.values()}
 
 _KEEP_ARROW_KEYS = """<img src="data:," alt="" hidden onerror="
   const keep = mine => event => { if (event.key.startsWith('Arrow') && mine(event.target)) event.stopPropagation(); };
@@ -43,18 +52,24 @@ class Controls:
     a pool of threads, in any order.
     """
 
-    def __init__(self, client: viser.ClientHandle, settings: Settings, post: Post, idle: Callable[[], bool]) -> None:
+    def __init__(
+        self,
+        client: viser.ClientHandle,
+        settings: Settings,
+        post: Post,
+        idle: Callable[[], bool],
+        straighten: Callable[[], None],
+    ) -> None:
         self._client, self._post, self._idle = client, post, idle
         self._widgets: dict[str, Any] = {}
         self._agreed: dict[int, Any] = {}
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
-        self._explained: tuple[str, str, bool] | None = None
+        self._explained: Any = None
         self._dark: bool | None = None
-        self._shared: Shared | None = None
         self._theme(settings.dark)
-        self._controls(settings)
+        self._controls(settings, straighten)
         self._text_and_plots()
-        self._shortcuts()
+        self._shortcuts(straighten)
 
     def show(self, picture: Picture) -> None:
         """Bring the widgets in line with the session."""
@@ -62,25 +77,40 @@ class Controls:
         if s.dark != self._dark:
             self._theme(s.dark)
         for field, widget in self._widgets.items():
-            value = self._shown(field, getattr(s, field))
-            self._set(widget, value)
-        label = "❚❚ Pause" if picture.playing else "▶ Play"
-        if self._play.label != label:
-            self._play.label = label
+            self._set(widget, self._shown(field, getattr(s, field)))
+        situation = SCENARIOS[picture.situation].title if picture.situation else _NO_SITUATION
+        self._set(self._situation, situation)
+        self._put(self._play, "label", "❚❚ Pause" if picture.playing else "▶ Play")
         self._show_time(picture)
-        self._show_code(picture)
-        status = picture.message or ("Playing" if picture.playing else "Paused")
-        status = f"**{status}**" if picture.message else status
-        if self._status.content != status:
-            self._status.content = status
+        self._show_status(picture)
+        self._sharing.show(picture)
+        self._video.show(picture)
         self._explain(picture)
         self._plots.draw(picture)
 
     def _show_time(self, picture: Picture) -> None:
-        most = max(picture.last, 1)
-        if self._time.max != most:
-            self._time.max = most
+        self._put(self._time, "max", max(picture.last, 1))
         self._set(self._time, picture.t)
+
+    def _show_status(self, picture: Picture) -> None:
+        working = picture.progress is not None
+        self._put(self._progress, "visible", working)
+        if picture.progress is not None:
+            self._put(self._progress, "value", round(100.0 * picture.progress))
+        status = html.escape(picture.message) or (
+            "Working …" if working else "Playing" if picture.playing else "Paused"
+        )
+        status = f"<b>{status}</b>" if picture.message else status
+        if picture.lane.plain:
+            ready = "ready: Reset uses them" if kernels.compiled_ready() else "being compiled"
+            status += f'<br><span style="opacity:.7">The fast loops are {ready}.</span>'
+        self._put(self._status, "content", f'<div style="padding:0 12px;font-size:13.5px">{status}</div>')
+
+    @staticmethod
+    def _put(handle: Any, name: str, value: Any) -> None:
+        """Set a property, unless it has that value: viser sends whatever is set."""
+        if getattr(handle, name) != value:
+            setattr(handle, name, value)
 
     def _set(self, widget: Any, value: Any) -> None:
         """Show ``value``, unless the visitor has moved the widget meanwhile: it must not jump back under their hand.
@@ -92,27 +122,20 @@ class Controls:
             widget.value = value
             self._agreed[id(widget)] = value
 
-    def _show_code(self, picture: Picture) -> None:
-        """The share code of what is on screen, unless the visitor is typing one or the film runs."""
-        if picture.playing or picture.shared == self._shared:
-            return
-        self._shared = picture.shared
-        self._code.value = encode(self._shared)
-        self._line.value = command_line(picture.settings, picture.t)
-
     def _explain(self, picture: Picture) -> None:
         s = picture.settings
-        if (s.filter, s.world, s.dark) != self._explained:
-            self._explained = (s.filter, s.world, s.dark)
-            self._text.content = explanation(s.filter)
-            self._world.content = f"**{WORLDS[s.world].title}.** {WORLDS[s.world].look_for}"
+        shown = (s.filter, s.world, s.dark, picture.situation)
+        if shown != self._explained:
+            self._explained = shown
+            self._text.content = explanation(s.filter, picture.situation)
+            self._world.content = (
+                f"**{WORLDS[s.world].title}.** {WORLDS[s.world].look_for}" if s.world in WORLDS else ""
+            )
             self._legend.content = legend(s.dark)
-        slip = receipt_html(_receipt(picture), s.dark)
-        if self._receipt.content != slip:
-            self._receipt.content = slip
-        lines = algorithm(s.filter, picture.stage, s.dark)
-        if self._algorithm.content != lines:
-            self._algorithm.content = lines
+        self._put(self._receipt, "content", receipt_html(_receipt(picture), s.dark))
+        self._put(self._algorithm, "content", algorithm(s.filter, picture.stage, s.dark))
+        if not picture.playing or picture.t % 5 == 0 or picture.rival is None:
+            self._put(self._comparison, "content", comparison_html(picture))
 
     def _theme(self, dark: bool) -> None:
         self._dark = dark
@@ -124,51 +147,61 @@ class Controls:
         """In a dock of their own on the left, or under the controls where the window is too narrow for two docks."""
         gui = self._client.gui
         text = gui.add_panel(order=1)
-        with text.add_tab("What to look for"):
+        with text.add_tab("Look for"):
             self._text = gui.add_markdown("")
             self._algorithm = gui.add_html("")
             self._world = gui.add_markdown("")
         with text.add_tab("Receipt"):
             self._receipt = gui.add_html("")
+        with text.add_tab("Compare"):
+            self._comparison = gui.add_html("")
         with text.add_tab("Colours"):
             self._legend = gui.add_html("")
         plots = gui.add_panel(order=2)
-        with plots.add_tab("Over time"):
-            self._plots = Plots(self._client)
+        self._plots = Plots(self._client, plots)
         if self._client.camera.image_width >= _TWO_DOCKS:
             text.dock_left()
-            text.set_width(290)
+            text.set_width(310)
         else:
             text.dock_below(gui.main_panel)
         plots.dock_below(text)
 
-    def _controls(self, settings: Settings) -> None:
+    def _controls(self, settings: Settings, straighten: Callable[[], None]) -> None:
         gui = self._client.gui
         gui.set_panel_label("pfviz")
         gui.main_panel.dock_right()
         gui.main_panel.set_width(330)
+        self._moves()
+        self._situation = gui.add_dropdown(
+            "Situation", (_NO_SITUATION, *_SITUATIONS), initial_value=_NO_SITUATION, hint="Each with what to look for"
+        )
+        self._wishing(self._situation, lambda title: Arrange(_SITUATIONS[title]) if title in _SITUATIONS else Reset())
+        phone = self._client.camera.image_width < PHONE
+        for group in GROUPS:
+            members = [control for control in CONTROLS.values() if control.group == group]
+            folder = gui.add_folder(group, expand_by_default=group == "Tune" and not phone) if group else nullcontext()
+            with folder:
+                for control in members:
+                    self._add(control, settings)
+        self._video = OwnVideo(self._client, self._post)
+        self._sharing = Sharing(self._client, self._post)
+
+    def _moves(self) -> None:
+        """What moves through time."""
+        gui = self._client.gui
         self._play = gui.add_button("▶ Play", hint="Space", color=(0, 114, 178))
-        self._play.on_click(self._posting(lambda: Play()))
+        self._play.on_click(self._posting(Play))
         moves = gui.add_button_group("", (_BACK, _STEP, _RESET))
         commands: dict[str, Command] = {_BACK: Step(-1), _STEP: Step(1), _RESET: Reset()}
         moves.on_click(self._posting(lambda: commands[moves.value]))
         walks = gui.add_button_group("Stage", (_LAST_STAGE, _NEXT_STAGE))
         walks.on_click(self._posting(lambda: Walk(1 if walks.value == _NEXT_STAGE else -1)))
+        more = gui.add_button_group("", (_BRANCH, _HELP))
+        more.on_click(self._calling(lambda: self._post(Keep()) if more.value == _BRANCH else show_guide(self._client)))
         self._time = gui.add_slider("Time", min=0, max=1, step=1, initial_value=0, hint="What is recorded so far")
         self._wishing(self._time, Seek)
-        self._status = gui.add_markdown("Paused")
-        phone = self._client.camera.image_width < PHONE
-        for group in GROUPS:
-            members = [control for control in CONTROLS.values() if control.group == group]
-            folder = gui.add_folder(group, expand_by_default=group != "More" and not phone) if group else nullcontext()
-            with folder:
-                for control in members:
-                    self._add(control, settings)
-
-        with gui.add_folder("Share", expand_by_default=False):
-            self._code = gui.add_text("Code", "", hint="Brings back exactly this: settings, seed and time")
-            gui.add_button("Open this code").on_click(self._posting(lambda: Open(self._code.value)))
-            self._line = gui.add_text("Command", "", hint="The same run of the toy on the command line")
+        self._status = gui.add_html("Paused")
+        self._progress = gui.add_progress_bar(0.0, visible=False, animated=True)
 
     def _add(self, control: Control, settings: Settings) -> None:
         gui, field = self._client.gui, control.field
@@ -186,8 +219,12 @@ class Controls:
         self._wishing(widget, lambda value: Set(field, self._meant(field, value)))
 
     def _posting(self, command: Callable[[], Command]) -> Callable[[Any], Coroutine[Any, Any, None]]:
+        return self._calling(lambda: self._post(command()))
+
+    @staticmethod
+    def _calling(action: Callable[[], None]) -> Callable[[Any], Coroutine[Any, Any, None]]:
         async def on_event(_: Any) -> None:
-            self._post(command())
+            action()
 
         return on_event
 
@@ -209,7 +246,7 @@ class Controls:
     def _meant(self, field: str, shown: Any) -> Any:
         return next((name for name, label in self._labels[field].items() if label == shown), shown)
 
-    def _shortcuts(self) -> None:
+    def _shortcuts(self, straighten: Callable[[], None]) -> None:
         keys: tuple[tuple[str, Any, Command], ...] = (
             ("Play or pause", "space", Play()),
             ("Step", "arrowright", Step(1)),
@@ -217,10 +254,15 @@ class Controls:
             ("Next stage", "arrowdown", Walk(1)),
             ("Stage before", "arrowup", Walk(-1)),
             ("Reset", "R", Reset()),
+            ("Branch from here", "B", Keep()),
         )
         for label, key, command in keys:
             handle = self._client.gui.add_command(label, hotkey=key)
             handle.on_trigger(self._posting(lambda command=command: command))
+        straight = self._client.gui.add_command("Straighten the picture", hotkey="F")
+        straight.on_trigger(self._calling(straighten))
+        guide = self._client.gui.add_command("Help and keys", hotkey="H")
+        guide.on_trigger(self._calling(lambda: show_guide(self._client)))
         self._client.gui.add_html(_KEEP_ARROW_KEYS)
 
 
@@ -228,7 +270,8 @@ def _receipt(picture: Picture) -> Receipt | None:
     """The receipt of the particle that was clicked."""
     if picture.chosen is None or not picture.t:
         return None
-    room = picture.toy if picture.chosen.room == "toy" else picture.tracker
+    lane = picture.rival if picture.chosen.rival and picture.rival else picture.lane
+    room = lane.toy if picture.chosen.room == "toy" else lane.tracker
     return receipt(room.trace[picture.t], picture.chosen.index)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pfviz.filters import FILTERS
+from pfviz_app.scenarios import SCENARIOS
 from pfviz_app.stage.palette import DARK, LIGHT, Rgb
 
 _LOOK_FOR = {
@@ -67,8 +68,11 @@ _PREDICT = {
 }
 
 
-def explanation(filter_name: str) -> str:
-    """Markdown on what to look for with this filter."""
+def explanation(filter_name: str, situation: str | None = None) -> str:
+    """Markdown on what to look for with this filter, or in a situation of the gallery."""
+    if situation is not None:
+        scenario = SCENARIOS[situation]
+        return f"#### {scenario.title}\n\n{scenario.look_for}\n"
     info = FILTERS[filter_name]
     look = _LOOK_FOR.get(filter_name, info.summary.capitalize() + ".")
     predict = f"**Predict:** {_PREDICT[filter_name]}" if filter_name in _PREDICT else ""
@@ -86,6 +90,7 @@ def legend(dark: bool) -> str:
         (palette.exact, "exact posterior"),
         (palette.truth, "truth"),
         (palette.chosen, "what you clicked: see its receipt"),
+        (palette.rival, "the filter that it is compared with"),
         ((20, 20, 24), "on the video: outlines of likely particles"),
         ((240, 240, 240), "on the video: the expected outline"),
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -16,7 +17,7 @@ from pfviz.particles import FloatArray, readonly
 from pfviz.record import StepRecord
 from pfviz.vision.limits import display_name
 from pfviz.vision.tracker import TrackerModel, TrackEstimate, learn_tracker
-from pfviz.vision.video import EndOfVideo, Image, VideoSource, open_upload
+from pfviz.vision.video import EndOfVideo, Image, Truth, VideoSource, open_upload
 from pfviz.worlds import World
 
 Point = tuple[float, float]
@@ -197,10 +198,11 @@ class Start:
 class VideoFilm:
     """A video and the tracker's model of the object in it."""
 
-    def __init__(self, setup: VideoSetup, source: VideoSource | None = None, start: Start | None = None) -> None:
+    def __init__(self, setup: VideoSetup, source: VideoSource | None = None) -> None:
         self.setup = setup
         self.source = source or setup.open()
-        self.chosen_start = start
+        self.chosen_start: Start | None = None
+        self._temporary: Path | None = None
 
     @classmethod
     def uploaded(cls, path: Path, name: str) -> VideoFilm:
@@ -209,15 +211,23 @@ class VideoFilm:
         Raises:
             ValueError: if it cannot be read.
         """
-        source = open_upload(path)
+        shown = display_name(name)
+        try:
+            source = open_upload(path)
+        except ValueError as error:
+            path.unlink(missing_ok=True)
+            raise ValueError(str(error).replace(display_name(path), shown)) from None
         try:
             width, height = source.size
             middle = Start(0, ((width / 3, height / 3), (2 * width / 3, 2 * height / 3)))
-            setup = VideoSetup(lambda: source, middle.learn(source), 0, f"Video: {display_name(name)}")
+            setup = VideoSetup(lambda: source, middle.learn(source), 0, f"Video: {shown}")
         except Exception:
             source.close()
+            path.unlink(missing_ok=True)
             raise
-        return cls(setup, source)
+        film = cls(setup, source)
+        film._temporary = path
+        return film
 
     def following(self, start: Start) -> VideoFilm:
         """The same video from the frame in which something else is marked to be followed.
@@ -225,8 +235,14 @@ class VideoFilm:
         Raises:
             ValueError: if there is nothing to follow there.
         """
-        setup = replace(self.setup, model=start.learn(self.source), start_frame=start.frame)
-        return VideoFilm(setup, self.source, start)
+        film = copy(self)
+        film.setup = replace(self.setup, model=start.learn(self.source), start_frame=start.frame)
+        film.chosen_start = start
+        return film
+
+    def _source_truth(self, t: int) -> Truth | None:
+        """Where the source knows its object to be; it knows nothing of what a visitor has chosen."""
+        return None if self.chosen_start else self.source.truth(self.frame_index(t))
 
     def frame_index(self, t: int) -> int:
         """The frame of the video that is seen at time ``t``."""
@@ -252,8 +268,7 @@ class VideoFilm:
 
     def truth(self, t: int) -> TrackEstimate | None:
         """Where the object really is, where the source knows it."""
-        truth = self.source.truth(self.frame_index(t))
-        start = self.source.truth(self.setup.start_frame)
+        truth, start = self._source_truth(t), self._source_truth(1)
         if truth is None or start is None:
             return None
         x, y, rotation, scale = truth
@@ -261,7 +276,7 @@ class VideoFilm:
         return self.setup.model.estimate_of(state)
 
     def error(self, t: int, record: StepRecord) -> float:
-        truth = self.source.truth(self.frame_index(t))
+        truth = self._source_truth(t)
         if truth is None:
             return float("nan")
         estimate = self.setup.model.estimate(record)
@@ -269,3 +284,5 @@ class VideoFilm:
 
     def close(self) -> None:
         self.source.close()
+        if self._temporary is not None:
+            self._temporary.unlink(missing_ok=True)

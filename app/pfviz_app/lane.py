@@ -37,6 +37,11 @@ class Lane:
         return self._settings
 
     @property
+    def plain(self) -> bool:
+        """Whether it runs on the NumPy twins, because the kernels were not compiled when it began."""
+        return self._plain
+
+    @property
     def log(self) -> tuple[Settings, ...]:
         """The settings of the steps at t = 1, 2, ..."""
         return tuple(self._log)

@@ -40,6 +40,7 @@ class Picture:
         stage: the last stage of its iteration that is shown; None when all are, and the posterior with them.
         last: the last time recorded.
         chosen: the particle that the visitor has clicked.
+        situation: the name of the situation of the gallery that is shown; None for none.
         outline: the corners clicked so far, in frame pixels, of what is to be followed; None when none is being drawn.
         playing: whether the session runs on.
         progress: the part done of something that takes long; None when nothing is being waited for.
@@ -53,6 +54,7 @@ class Picture:
     stage: int | None
     last: int
     chosen: Pick | None
+    situation: str | None
     outline: tuple[Point, ...] | None
     playing: bool
     progress: float | None

@@ -1,55 +1,98 @@
-"""The curves under the picture: effective sample size and error over time."""
+"""The curves beside the picture: over time, and of the particles at the time on screen."""
 
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any, cast
 
 import numpy as np
 import viser
 from viser import uplot
 
+from pfviz.genealogy import ancestor_counts
 from pfviz.particles import FloatArray
 from pfviz_app.picture import Picture
 from pfviz_app.room import Room
-from pfviz_app.settings import Settings
-from pfviz_app.stage.palette import DARK, LIGHT, Rgb
+from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
 
-_PERIOD = 0.25
+_PERIOD = 0.5
 _MOST_POINTS = 400
 _ROUND = 200
+_GENERATIONS = 30
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """One curve of a chart.
+
+    Attributes:
+        label: of the curve.
+        values: as many as there are places on the x-axis; NaN where there is none.
+        colour: of the curve.
+        scale: "y", or "px" for the axis on the right.
+        dashed: whether it is.
+    """
+
+    label: str
+    values: FloatArray
+    colour: Rgb
+    scale: str = "y"
+    dashed: bool = False
+
+
+Drawing = Callable[[Picture, Palette], tuple[FloatArray, list[Line]]]
+"""The places on the x-axis, and the curves."""
 
 
 class Plots:
-    """Two small charts with a line for each room, redrawn a few times a second at the most."""
+    """Small charts in tabs, redrawn now and then while the film runs."""
 
-    def __init__(self, client: viser.ClientHandle) -> None:
-        self._shown: tuple[int, int, Settings] | None = None
+    def __init__(self, client: viser.ClientHandle, panel: Any) -> None:
+        self._shown: Any = None
         self._drawn_at = 0.0
-        self._ess = _Chart(client, "effective sample size, % of N", "y")
-        self._error = _Chart(client, "error: toy (left), video in px (right)", "px")
+        tabs: tuple[tuple[str, tuple[tuple[str, Drawing], ...]], ...] = (
+            (
+                "Over time",
+                (("effective sample size, % of N", _sizes), ("error: toy (left), video in px (right)", _errors)),
+            ),
+            ("Evidence", (("log-evidence, toy", _toy_evidence), ("log-evidence, video", _video_evidence))),
+            (
+                "Weights",
+                (
+                    ("part of the weight that the heaviest have, %", _lorenz),
+                    ("different ancestors, by steps back", _ancestors),
+                ),
+            ),
+        )
+        self._charts: list[tuple[_Chart, Drawing]] = []
+        for name, charts in tabs:
+            with panel.add_tab(name):
+                self._charts += [(_Chart(client, title), drawing) for title, drawing in charts]
 
     def draw(self, picture: Picture) -> None:
         """Show the rooms' records, unless nothing has changed or it is too soon."""
-        now, state = time.monotonic(), (id(picture.toy), picture.last, picture.settings)
+        now = time.monotonic()
+        state = (id(picture.lane), id(picture.rival), picture.last, picture.t, picture.settings)
         if state == self._shown or (picture.playing and now - self._drawn_at < _PERIOD):
             return
         self._shown, self._drawn_at = state, now
-        self._ess.draw(picture, _relative_ess)
-        self._error.draw(picture, lambda room: room.errors)
+        palette = DARK if picture.settings.dark else LIGHT
+        for chart, drawing in self._charts:
+            chart.draw(*drawing(picture, palette), palette)
 
 
 class _Chart:
-    """A chart over time with the toy's line and, where there is anything to show, the tracker's."""
+    """A chart that is sent anew when its curves change, and its axes and colours only when those do."""
 
-    def __init__(self, client: viser.ClientHandle, title: str, video_scale: str) -> None:
-        self._video_scale = video_scale
-        self._style: tuple[bool, bool] | None = None
+    def __init__(self, client: viser.ClientHandle, title: str) -> None:
+        self._style: Any = None
+        self._reach = (0.0, 1.0)
         nothing = np.array([0.0, 1.0])
         self._plot = client.gui.add_uplot(
             (nothing, nothing),
-            (uplot.Series(label="t"), uplot.Series(label="toy", show=False)),
+            (uplot.Series(label="t"), uplot.Series(label="", show=False)),
             title=title,
             scales={"x": {"time": False}},
             height=128,
@@ -57,33 +100,111 @@ class _Chart:
             padding=(8, 8, 0, 0),
         )
 
-    def draw(self, picture: Picture, values: Callable[[Room[Any]], FloatArray]) -> None:
-        times = np.arange(1.0, _reach(picture) + 1.0)
-        toy, video = (_line(room, values(room), len(times)) for room in (picture.toy, picture.tracker))
-        known = bool(np.isfinite(video).any())
-        thin = slice(None, None, len(times) // _MOST_POINTS + 1)
-        lines = (toy, video) if known else (toy,)
-        style = (picture.settings.dark, known)
+    def draw(self, places: FloatArray, lines: Sequence[Line], palette: Palette) -> None:
+        lines = [line for line in lines if np.isfinite(line.values).any()] or lines[:1]
+        style = (palette, [(line.label, line.colour, line.scale, line.dashed) for line in lines])
         if style != self._style:
             self._style = style
-            self._plot.series = self._series(*style)
-            self._plot.axes = self._axes(*style)
-        self._plot.data = (times[thin], *(line[thin] for line in lines))
+            self._plot.series = (uplot.Series(label="x"), *(_stroke(line) for line in lines))
+            self._plot.axes = _axes(lines, palette)
+        reach = (float(places[0]), float(places[-1]))
+        if reach != self._reach:
+            self._reach = reach
+            self._plot.scales = {"x": {"time": False, "range": reach}}
+        thin = slice(None, None, len(places) // _MOST_POINTS + 1)
+        self._plot.data = (places[thin], *(line.values[thin] for line in lines))
 
-    def _series(self, dark: bool, video: bool) -> tuple[uplot.Series, ...]:
-        palette = DARK if dark else LIGHT
-        toy = _stroke("toy", palette.history, "y")
-        tracker = _stroke("video", palette.posterior, self._video_scale)
-        return (uplot.Series(label="t"), toy, tracker) if video else (uplot.Series(label="t"), toy)
 
-    def _axes(self, dark: bool, video: bool) -> tuple[uplot.Axis, ...]:
-        palette = DARK if dark else LIGHT
-        across = _axis(None, palette.ink, palette.faint, size=26)
-        if not video or self._video_scale == "y":
-            return across, _axis("y", palette.ink, palette.faint)
-        right = _axis("px", palette.posterior, None)
-        right["side"] = 1
-        return across, _axis("y", palette.history, palette.faint), right
+# What is drawn
+
+
+def _lanes(picture: Picture) -> list[tuple[Any, bool]]:
+    return [(picture.lane, False)] + ([(picture.rival, True)] if picture.rival else [])
+
+
+def _over_time(
+    picture: Picture, palette: Palette, values: Callable[[Room[Any]], FloatArray], right: str = "y"
+) -> tuple[FloatArray, list[Line]]:
+    """A curve for each room of each lane."""
+    times, lines = np.arange(1.0, _reach(picture) + 1.0), []
+    for lane, rival in _lanes(picture):
+        toy, video = (_placed(room, values(room), len(times)) for room in lane.rooms)
+        lines.append(Line(f"toy {rival}", toy, palette.rival if rival else palette.history))
+        lines.append(Line(f"video {rival}", video, palette.rival if rival else palette.posterior, right, rival))
+    return times, lines
+
+
+def _sizes(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
+    return _over_time(picture, palette, _relative_ess)
+
+
+def _errors(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
+    return _over_time(picture, palette, lambda room: room.errors, "px")
+
+
+def _toy_evidence(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
+    times = np.arange(1.0, _reach(picture) + 1.0)
+    lines = [
+        Line(f"toy {rival}", _placed(lane.toy, lane.toy.log_evidences, len(times)), _own(palette, rival))
+        for lane, rival in _lanes(picture)
+    ]
+    exact = picture.toy.exact
+    if exact is not None and picture.settings.exact:
+        steps = np.array([exact.log_evidence(t) for t in range(1, picture.toy.trace.last + 1)])
+        values = np.full(len(times), np.nan)
+        values[: len(steps)] = np.cumsum(steps)[: len(times)]
+        lines.append(Line("exact", values, palette.exact, dashed=True))
+    return times, lines
+
+
+def _video_evidence(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
+    times = np.arange(1.0, _reach(picture) + 1.0)
+    return times, [
+        Line(f"video {rival}", _placed(lane.tracker, lane.tracker.log_evidences, len(times)), _own(palette, rival))
+        for lane, rival in _lanes(picture)
+    ]
+
+
+def _lorenz(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
+    """What part of the weight the heaviest particles have; the diagonal is where all weigh the same."""
+    shares = np.linspace(0.0, 100.0, 51)
+    lines = [Line("even", shares, palette.faint)]
+    for lane, rival in _lanes(picture):
+        for room, colour, dashed in ((lane.toy, palette.history, False), (lane.tracker, palette.posterior, rival)):
+            values = _weight_shares(room, picture.t, shares)
+            lines.append(Line(f"{id(room)}", values, palette.rival if rival else colour, dashed=dashed))
+    return shares, lines
+
+
+def _weight_shares(room: Room[Any], t: int, shares: FloatArray) -> FloatArray:
+    if not room.trace.first <= t <= room.trace.last:
+        return np.full(len(shares), np.nan)
+    record = room.trace[t]
+    stage = record.stage("weight")
+    weights = np.sort((stage.particles if stage else record.posterior).weights)[::-1]
+    cumulative = np.concatenate([[0.0], np.cumsum(weights)])
+    return 100.0 * np.interp(shares / 100.0 * len(weights), np.arange(len(cumulative)), cumulative)
+
+
+def _ancestors(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
+    back, lines = np.arange(0.0, _GENERATIONS + 1.0), []
+    for lane, rival in _lanes(picture):
+        for room, colour, dashed in ((lane.toy, palette.history, False), (lane.tracker, palette.posterior, rival)):
+            values = np.full(len(back), np.nan)
+            if room.trace.first <= picture.t <= room.trace.last and not picture.playing:
+                counts = ancestor_counts(room.trace, picture.t, _GENERATIONS)
+                values[: len(counts)] = counts
+            lines.append(Line(f"{id(room)}", values, palette.rival if rival else colour, dashed=dashed))
+    return back, lines
+
+
+def _own(palette: Palette, rival: bool) -> Rgb:
+    return palette.rival if rival else palette.posterior
+
+
+def _relative_ess(room: Room[Any]) -> FloatArray:
+    sizes = np.array([len(record.posterior) for record in room.trace])
+    return 100.0 * room.effective_sample_sizes / sizes
 
 
 def _reach(picture: Picture) -> int:
@@ -97,19 +218,7 @@ def _reach(picture: Picture) -> int:
     return max(_ROUND * -(-picture.last // _ROUND), _ROUND)
 
 
-def _axis(scale: str | None, ink: Rgb, grid: Rgb | None, size: int = 34) -> uplot.Axis:
-    """An axis whose numbers are in the colour of what they belong to."""
-    lines = {"show": False} if grid is None else {"stroke": _css(grid), "width": 1}
-    style = {"stroke": _css(ink), "grid": lines, "size": size, "font": "11px sans-serif", "ticks": {"show": False}}
-    return cast(uplot.Axis, style if scale is None else style | {"scale": scale})
-
-
-def _stroke(label: str, colour: Rgb, scale: str) -> uplot.Series:
-    style = {"label": label, "stroke": _css(colour), "width": 2, "points": {"show": False}, "scale": scale}
-    return cast(uplot.Series, style)
-
-
-def _line(room: Room[Any], known: FloatArray, length: int) -> FloatArray:
+def _placed(room: Room[Any], known: FloatArray, length: int) -> FloatArray:
     """``(length,)``: the values known, at their times; NaN elsewhere."""
     line = np.full(length, np.nan)
     first = room.trace.first - 1
@@ -118,9 +227,28 @@ def _line(room: Room[Any], known: FloatArray, length: int) -> FloatArray:
     return line
 
 
-def _relative_ess(room: Room[Any]) -> FloatArray:
-    sizes = np.array([len(record.posterior) for record in room.trace])
-    return 100.0 * room.effective_sample_sizes / sizes
+# How uPlot wants it
+
+
+def _axes(lines: Sequence[Line], palette: Palette) -> tuple[uplot.Axis, ...]:
+    across = _axis(None, palette.ink, palette.faint, size=26)
+    if not any(line.scale == "px" for line in lines):
+        return across, _axis("y", palette.ink, palette.faint)
+    right = _axis("px", palette.posterior, None)
+    right["side"] = 1
+    return across, _axis("y", palette.history, palette.faint), right
+
+
+def _axis(scale: str | None, ink: Rgb, grid: Rgb | None, size: int = 34) -> uplot.Axis:
+    """An axis whose numbers are in the colour of what they belong to."""
+    lines = {"show": False} if grid is None else {"stroke": _css(grid), "width": 1}
+    style = {"stroke": _css(ink), "grid": lines, "size": size, "font": "11px sans-serif", "ticks": {"show": False}}
+    return cast(uplot.Axis, style if scale is None else style | {"scale": scale})
+
+
+def _stroke(line: Line) -> uplot.Series:
+    style = {"label": line.label, "stroke": _css(line.colour), "width": 2, "points": {"show": False}}
+    return cast(uplot.Series, style | {"scale": line.scale} | ({"dash": (6, 4)} if line.dashed else {}))
 
 
 def _css(colour: Rgb) -> str:

@@ -43,7 +43,7 @@ class Visitor:
         self._stage = Stage(client, self._grabbed)
         self._stage.resize(client.camera.image_width, client.camera.image_height)
         self.session = Session(settings, video, self)
-        self._controls = Controls(client, settings, self.session.post, self.session.idle)
+        self._controls = Controls(client, settings, self.session.post, self.session.idle, self._stage.straighten)
         client.camera.on_update(self._resized)
         client.scene.on_click()(self._clicked)
         self.session.start()

@@ -17,10 +17,13 @@ from typing import Any
 
 import numpy as np
 
+from pfviz.names import UnknownName
 from pfviz.particles import FloatArray
 from pfviz.vision.video import EndOfVideo, end_note
 from pfviz.worlds import get_world
 from pfviz_app.commands import (
+    Arrange,
+    Ask,
     Click,
     Close,
     Command,
@@ -42,12 +45,15 @@ from pfviz_app.commands import (
 from pfviz_app.films import Point, Start, ToyFilm, VideoFilm, VideoSetup
 from pfviz_app.lane import Lane
 from pfviz_app.picture import Picture, View
+from pfviz_app.scenarios import find_scenario
 from pfviz_app.settings import ITSELF, NOBODY, RUNNING, SettingError, Settings
 from pfviz_app.share import Shared, decode
 
 log = logging.getLogger(__name__)
 
 _PROGRESS_PERIOD = 0.25
+_TASTE = ("dark", "speed", "arrows", "truth", "exact", "ancestry", "overlay")
+"""Settings that a situation of the gallery leaves as the visitor likes them."""
 _Held = Mapping[int, FloatArray]
 
 
@@ -65,6 +71,7 @@ class Session:
         self._closed = False
         self._grip: FloatArray | None = None
         self._outline: tuple[Point, ...] | None = None
+        self._situation: str | None = None
         self._progress: float | None = None
         self._drawn_at = 0.0
         self._start()
@@ -165,6 +172,10 @@ class Session:
                 self._unless_refused(self._load, path, name)
             case Open(code):
                 self._unless_refused(self._open, code)
+            case Arrange(name):
+                self._unless_refused(self._arrange, name)
+            case Ask(answer):
+                self._unless_refused(answer, self._picture)
             case Reset():
                 self._restart()
             case Resize(width, height):
@@ -176,7 +187,7 @@ class Session:
         """Do what a visitor wishes, or say what is wrong with the wish: nothing is lost by it."""
         try:
             action(*arguments)
-        except SettingError as error:
+        except (SettingError, UnknownName) as error:
             self._message = str(error)
 
     def _set(self, field: str, value: Any) -> None:
@@ -184,6 +195,8 @@ class Session:
         if settings == self._settings:
             return
         self._settings = settings
+        if field in (*RUNNING, "world", "seed", "rival"):
+            self._situation = None
         if field == "world":
             self._settings = replace(settings, toy_particles=get_world(settings.world).n_particles)
         if field in ("world", "seed"):
@@ -229,10 +242,12 @@ class Session:
             self._rival = self._lane.fork(self._lane.last)
         else:
             log = self._lane.log[: self._t]
-            first = replace(log[0] if log else s, filter=s.rival)
-            self._rival = Lane(first, self._lane.toy.film, self._tracker_film)
-            self._run(self._rival, [replace(settings, filter=s.rival) for settings in log])
-            self._rival.configure(replace(s, filter=s.rival))
+            script = [replace(settings, filter=s.rival) for settings in log]
+            self._rival = None
+            rival = Lane(script[0] if script else replace(s, filter=s.rival), self._lane.toy.film, self._tracker_film)
+            self._run(rival, script)
+            rival.configure(replace(s, filter=s.rival))
+            self._rival, self._t = rival, min(self._t, rival.last)
 
     def _run(self, lane: Lane, script: Sequence[Settings]) -> None:
         """Steps under these settings; shows how far it is, and stops when something else is asked for."""
@@ -247,7 +262,7 @@ class Session:
 
     def _show_progress(self, share: float) -> None:
         if time.monotonic() - self._drawn_at > _PROGRESS_PERIOD:
-            self._progress, self._t = share, min(self._t, self._last)
+            self._progress = share
             self._draw()
 
     def _redo(self) -> None:
@@ -411,7 +426,7 @@ class Session:
         film = self._tracker_film
         if shared.start is not None and shared.start != film.chosen_start:
             film = self._found(shared.start)
-        self._settings, self._tracker_film, self._playing = shared.settings, film, False
+        self._settings, self._tracker_film, self._playing, self._situation = shared.settings, film, False, None
         held = {t: np.array(place) for t, place in shared.held.items()}
         if any(len(place) != get_world(shared.settings.world).model.dynamics.dimension for place in held.values()):
             raise SettingError("the share code puts the target where this world has no room for it")
@@ -442,20 +457,32 @@ class Session:
         if self._t == shared.t and self._t and shared.stage is not None:
             self._stage = min(shared.stage, max(len(room.trace[self._t].stages) for room in self._lane.rooms) - 1)
 
+    def _arrange(self, name: str) -> None:
+        """Show a situation of the gallery, but the way this visitor likes to look at things."""
+        scenario = find_scenario(name)
+        own = {field: getattr(self._settings, field) for field in _TASTE}
+        self._settings, self._playing = replace(scenario.settings, **own), False
+        self._start()
+        self._situation = name
+        self._catch_up(Shared(self._settings, scenario.t or 0))
+
+    @property
+    def _picture(self) -> Picture:
+        return Picture(
+            self._settings,
+            self._lane,
+            self._rival,
+            self._t,
+            self._stage,
+            self._last,
+            self._chosen,
+            self._situation,
+            self._outline,
+            self._playing,
+            self._progress,
+            self._message,
+        )
+
     def _draw(self) -> None:
         self._drawn_at = time.monotonic()
-        self._view.draw(
-            Picture(
-                self._settings,
-                self._lane,
-                self._rival,
-                self._t,
-                self._stage,
-                self._last,
-                self._chosen,
-                self._outline,
-                self._playing,
-                self._progress,
-                self._message,
-            )
-        )
+        self._view.draw(self._picture)

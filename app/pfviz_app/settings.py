@@ -186,15 +186,15 @@ _CONTROLS = (
         "slider",
         0,
         600,
-        group="More",
+        group="Look",
     ),
-    Control("overlay", "Over the video", "Laid over the whole frame", "choice", offered=_overlays, group="More"),
-    Control("ancestry", "Show ancestors", "Where all particles come from, back through time", "switch", group="More"),
-    Control("truth", "Show the truth", "Where it is known", "switch", group="More"),
-    Control("exact", "Show the exact posterior", "Where it is known", "switch", group="More"),
-    Control("dark", "Dark colours", "Light on dark", "switch", group="More"),
+    Control("overlay", "Over the video", "Laid over the whole frame", "choice", offered=_overlays, group="Look"),
+    Control("ancestry", "Show ancestors", "Where all particles come from, back through time", "switch", group="Look"),
+    Control("truth", "Show the truth", "Where it is known", "switch", group="Look"),
+    Control("exact", "Show the exact posterior", "Where it is known", "switch", group="Look"),
+    Control("dark", "Dark colours", "Light on dark", "switch", group="Look"),
 )
-GROUPS = ("", "Tune", "More")
+GROUPS = ("", "Tune", "Look")
 
 
 def command_line(settings: Settings, t: int) -> str:

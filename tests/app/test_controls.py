@@ -50,7 +50,7 @@ class Docks:
         client.gui.add_slider.side_effect = self._slider
         client.gui.add_dropdown.side_effect = lambda label, _, initial_value, **__: self._widget(label, initial_value)
         client.gui.add_checkbox.side_effect = lambda label, value, **_: self._widget(label, value)
-        self.controls = Controls(client, FEW, self.posted.append, lambda: self.idle)
+        self.controls = Controls(client, FEW, self.posted.append, lambda: self.idle, lambda: None)
 
     def _slider(self, label, low=0, high=1, step=1, value=0, **_):
         return self._widget(label, value)

@@ -4,14 +4,35 @@ import gc
 import random
 import threading
 import weakref
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pfviz_app import room as room_module
-from pfviz_app.commands import Click, Play, Reset, Resize, Seek, Set, Step, Walk
+from pfviz_app.commands import (
+    Arrange,
+    Ask,
+    Click,
+    Drag,
+    Keep,
+    Load,
+    Open,
+    Outline,
+    Play,
+    Reset,
+    Resize,
+    Seek,
+    Select,
+    Set,
+    Step,
+    Walk,
+)
+from pfviz_app.films import Start
 from pfviz_app.picture import Pick
+from pfviz_app.scenarios import SCENARIOS
 from pfviz_app.settings import CONTROLS, Settings
-from stand_ins import DiscVideo, Visit, disc_setup
+from pfviz_app.share import Shared, encode
+from stand_ins import DiscVideo, Visit, centre, disc_setup, write_disc_video
 
 from pfviz.filters import FILTERS
 from pfviz.worlds import WORLDS
@@ -22,7 +43,7 @@ FEW = Settings(toy_particles=12, tracker_particles=15, speed=30.0)
 @pytest.fixture(autouse=True)
 def short_recordings(monkeypatch):
     """A toy's film takes a while to draw; no test here looks at more than these steps."""
-    monkeypatch.setattr("pfviz_app.films.TOY_STEPS", 60)
+    monkeypatch.setattr("pfviz_app.films.TOY_STEPS", 80)
 
 
 @pytest.fixture
@@ -447,6 +468,9 @@ def test_the_first_records_are_forgotten_and_time_goes_no_further_back(monkeypat
         assert visit.do(Step()).tracker.trace[earliest + 1].previous is particles
 
 
+CODES = ["", "pf2-x", encode(Shared(FEW, 3, 1)), encode(Shared(replace(FEW, rival="itself"), 2))]
+
+
 def any_command(rng):
     """What a visitor might do, sensible or not."""
     field = rng.choice([*CONTROLS, "nothing"])
@@ -470,6 +494,13 @@ def any_command(rng):
             Seek(rng.randint(-2, 40)),
             Reset(),
             Click(rng.randint(-2, 12), 0),
+            Drag(rng.uniform(-3.0, 3.0), 0.0, rng.random() < 0.2),
+            Set("rival", rng.choice(["none", "itself", "condensation", "basic-sir"])),
+            Keep(),
+            Select(*(rng.uniform(0.0, 70.0) for _ in range(4))),
+            Outline(),
+            Open(rng.choice(CODES)),
+            Arrange(rng.choice(["jump", "look-alike", "nothing"])),
             Resize(rng.randint(1, 3000), rng.randint(1, 3000)),
         ]
     )
@@ -487,9 +518,11 @@ def test_a_thousand_commands_at_random_do_not_end_the_session(seed):
                 picture = visit.settled()
                 times.add(picture.t)
                 assert 0 <= picture.t <= picture.last
-                assert picture.toy.trace.last == picture.tracker.trace.last == picture.last
+                lasts = [room.trace.last for room in rooms(picture)]
+                assert lasts[::2] == lasts[1::2] and min(lasts) == picture.last
         assert len(times) > 5
         assert visit.session.alive
+        video.broken = None
         picture = visit.do(Play(False), Reset(), Step(2))
         assert (picture.t, picture.last, picture.message) == (2, 2, "")
 
@@ -514,3 +547,194 @@ def test_fifty_visitors_later_nothing_is_left_of_them():
     assert threading.active_count() == threads
     assert [video.closed for video in videos] == [1] * 50
     assert not any(reference() for reference in sessions)
+
+
+# Two lanes
+
+
+def rooms(picture):
+    return [*picture.lane.rooms, *(picture.rival.rooms if picture.rival else ())]
+
+
+def fingerprints(lane, times):
+    records = [room.trace[t] for room in lane.rooms for t in times]
+    return [array.tobytes() for record in records for array in (record.posterior.states, record.posterior.log_weights)]
+
+
+def test_a_rival_runs_on_the_same_data_and_random_numbers_from_the_start(visit):
+    picture = visit.do(Step(3), Set("rival", "basic-sir"))
+    assert (picture.t, picture.last) == (3, 3)
+    for own, rival in zip(picture.lane.rooms, picture.rival.rooms, strict=True):
+        assert own.film is rival.film
+        np.testing.assert_array_equal(innovations(own.trace[1]), innovations(rival.trace[1]))
+        assert rival.outcome(3).filter_name == "basic-sir"
+    picture = visit.do(Step(2), Set("system", 2.0))
+    assert {room.trace.last for room in rooms(picture)} == {5}
+    with Visit(Settings(filter="basic-sir", toy_particles=12, tracker_particles=15)) as alone:
+        again = alone.do(Step(4)).lane
+        assert fingerprints(picture.rival, range(1, 5)) == fingerprints(again, range(1, 5))
+    assert visit.do(Set("rival", "none")).rival is None
+
+
+def test_a_rival_is_run_again_under_the_settings_of_each_step(visit):
+    picture = visit.do(Step(2), Set("system", 3.0), Step(2), Set("rival", "condensation"))
+    deviations = [picture.rival.toy.outcome(t).model.dynamics.noise_covariance[0, 0] for t in (1, 2, 3, 4)]
+    assert deviations[1] == deviations[2] == deviations[3] == pytest.approx(9.0 * deviations[0])
+
+
+def test_a_branch_keeps_what_was_and_lets_go_what_is(visit):
+    picture = visit.do(Step(6), Seek(4), Keep())
+    kept = fingerprints(picture.rival, range(1, 7))
+    assert (picture.t, picture.settings.rival) == (4, "itself")
+    picture = visit.do(Set("filter", "condensation"), Step(2))
+    assert fingerprints(picture.rival, range(1, 7)) == kept
+    assert fingerprints(picture.lane, range(1, 4)) == fingerprints(picture.rival, range(1, 4))
+    assert fingerprints(picture.lane, [4, 5]) != fingerprints(picture.rival, [4, 5])
+    picture = visit.do(Step(1))
+    assert picture.t == 7 and picture.rival.toy.outcome(7).filter_name == FEW.filter
+    picture = visit.do(Reset(), Step(2))
+    assert [lane.toy.outcome(2).filter_name for lane in (picture.lane, picture.rival)] == ["condensation", FEW.filter]
+
+
+def test_the_picture_of_the_rival_is_the_rivals(visit):
+    assert visit.do(Step()).of_rival() is None
+    picture = visit.do(Set("rival", "condensation"), Click(3, 0))
+    other = picture.of_rival()
+    assert other.lane is picture.rival and other.rival is None and other.chosen is None
+    assert other.t == picture.t
+
+
+@pytest.mark.parametrize("rival", ["none", "condensation", "itself"])
+def test_a_share_code_brings_back_exactly_this_for_somebody_else(visit, rival):
+    visit.do(Step(2), Set("system", 2.0), Step(2), Set("toy_particles", 20), Set("rival", rival))
+    picture = visit.do(Set("observation", 0.5), Step(2), Drag(0.4, 0.0), Step(1), Walk(2))
+    code = encode(picture.shared)
+    with Visit(Settings()) as other:
+        again = other.do(Open(code))
+        assert (again.t, again.stage, again.settings, again.message) == (8, 1, picture.settings, "")
+        times = range(1, 9)
+        assert fingerprints(again.lane, times) == fingerprints(picture.lane, times)
+        if rival != "none":
+            assert fingerprints(again.rival, times) == fingerprints(picture.rival, times)
+        assert encode(again.shared) == code
+
+
+def test_a_code_that_cannot_be_opened_loses_nothing(visit):
+    visit.do(Step(3))
+    picture = visit.do(Open("nonsense"))
+    assert "share code" in picture.message and picture.t == 3
+
+
+def test_what_takes_long_shows_how_far_it_is_and_can_be_stopped(visit, monkeypatch):
+    monkeypatch.setattr("pfviz_app.session._PROGRESS_PERIOD", 0.0)
+    code = encode(Shared(FEW, 50))
+    visit.session.post(Open(code))
+    picture = visit.screen.wait_for(lambda picture: (picture.progress or 0.0) > 0.1)
+    assert picture.progress < 1.0
+    visit.session.post(Play(False))
+    picture = visit.settled()
+    assert (picture.progress is None and "Interrupted" in picture.message) or picture.t == 50
+    assert visit.do(Step()).message == ""
+
+
+# What a visitor takes hold of
+
+
+def test_the_target_is_where_it_is_dragged_and_the_step_is_done_again(visit):
+    picture = visit.do(Step(4))
+    before, posterior = picture.toy.film.truth(4), picture.toy.trace[4].posterior.states
+    picture = visit.do(Drag(1.5, 0.0))
+    assert picture.t == picture.last == 4
+    assert picture.toy.film.truth(4) == 1.5 != before
+    assert not np.array_equal(picture.toy.trace[4].posterior.states, posterior)
+    np.testing.assert_array_equal(picture.toy.exact.marginal(4).mean.shape, (1,))
+    assert picture.shared.held == {4: (1.5,)}
+    assert visit.do(Reset()).toy.film.held == {}
+
+
+def test_while_it_plays_the_target_stays_in_the_hand(visit):
+    visit.do(Step(2), Play())
+    visit.session.post(Drag(1.25, 0.0))
+    picture = visit.screen.wait_for(lambda picture: len(picture.toy.film.held) >= 3)
+    visit.do(Drag(1.25, 0.0, end=True))
+    visit.do(Play(False))
+    held = dict(visit.settled().toy.film.held)
+    assert set(held.values().__iter__().__next__().tolist()) == {1.25}
+    assert visit.do(Step(2)).toy.film.truth(max(held) + 1) != 1.25
+    assert picture.message == ""
+
+
+def test_before_the_first_step_there_is_nothing_to_drag(visit):
+    picture = visit.do(Drag(1.0, 0.0))
+    assert (picture.t, picture.toy.film.held, picture.message) == (0, {}, "")
+
+
+def test_what_is_selected_is_followed_from_there_on(visit):
+    picture = visit.do(Step(3), Select(17.0, 28.0, 35.0, 44.0))
+    assert (picture.t, picture.playing) == (0, False)
+    assert picture.tracker.film.chosen_start == Start(2, ((17.0, 28.0), (35.0, 44.0)))
+    picture = visit.do(Step(5))
+    estimate = picture.tracker.film.setup.model.estimate(picture.tracker.trace[5])
+    assert np.hypot(estimate.x - centre(6)[0], estimate.y - centre(6)[1]) < 6.0
+    assert np.isnan(picture.tracker.errors).all(), "the source knows nothing of what a visitor has chosen"
+    with Visit(FEW) as other:
+        again = other.do(Open(encode(picture.shared)))
+        assert fingerprints(again.lane, [5]) == fingerprints(picture.lane, [5])
+
+
+@pytest.mark.parametrize("corners", [(-5.0, 3.0, 20.0, 30.0), (10.0, 10.0, 10.5, 10.2)])
+def test_what_cannot_be_followed_is_refused_and_nothing_lost(visit, corners):
+    picture = visit.do(Step(3), Select(*corners))
+    assert picture.t == 3 and picture.message
+    assert picture.tracker.film.chosen_start is None
+
+
+def test_an_outline_is_clicked_corner_by_corner(visit):
+    picture = visit.do(Step(1), Outline())
+    assert picture.outline == () and "outline" in picture.message
+    corners = [(18.0, 26.0), (32.0, 26.0), (32.0, 46.0), (18.0, 46.0)]
+    picture = visit.do(*(Click(*corner) for corner in corners))
+    assert picture.outline == tuple(corners)
+    picture = visit.do(Outline())
+    assert picture.outline is None and picture.tracker.film.chosen_start.outline == tuple(corners)
+    picture = visit.do(Outline(), Click(20.0, 20.0), Outline())
+    assert "3 corners" in picture.message and picture.outline is None
+
+
+def test_a_video_of_ones_own_is_read_and_its_file_deleted(visit, tmp_path):
+    path = write_disc_video(tmp_path / "disc.mp4").rename(tmp_path / "upload-0")
+    picture = visit.do(Load(path, "<b>mine</b>\n.mp4"))
+    assert picture.tracker.film.setup.title == r"Video: <b>mine</b>\n.mp4"
+    assert visit.do(Select(12.0, 26.0, 32.0, 46.0), Step(3)).t == 3
+    visit.session.close()
+    assert not path.exists()
+
+
+def test_a_file_that_is_no_video_is_refused_by_the_name_that_the_visitor_knows(visit, tmp_path):
+    path = tmp_path / "upload-0"
+    path.write_bytes(b"no video")
+    picture = visit.do(Step(2), Load(path, "holiday.mp4"))
+    assert "holiday.mp4" in picture.message and "upload-0" not in picture.message
+    assert picture.t == 2 and not path.exists()
+    assert visit.do(Step()).t == 3
+
+
+# The gallery
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_every_situation_can_be_shown(name):
+    with Visit(Settings(dark=True), disc_setup(lambda: DiscVideo(frame_count=None))) as visit:
+        picture = visit.do(Arrange(name))
+        scenario = SCENARIOS[name]
+        assert (picture.situation, picture.t, picture.message) == (name, scenario.t or 0, "")
+        assert picture.settings.dark and picture.settings.world == scenario.settings.world
+        assert (picture.rival is not None) == (scenario.settings.rival != "none")
+        assert visit.do(Step()).situation == name
+        assert visit.do(Set("system", 3.0)).situation is None
+
+
+def test_a_question_is_answered_with_the_picture_on_screen(visit):
+    answers = []
+    picture = visit.do(Step(2), Ask(answers.append))
+    assert answers[0].t == picture.t == 2

@@ -282,7 +282,7 @@ def distance_text(particles: ParticleSet, exact: Gaussian | GridMarginal | None)
     if exact is None:
         return "no exact answer here"
     of_draws = total_variation_of_draws(len(particles), particles.dimension)
-    return f"distance to exact {total_variation(particles, exact):.2f}, of {len(particles)} exact draws {of_draws:.2f}"
+    return f"distance to exact {total_variation(particles, exact):.2f} (exact draws: {of_draws:.2f})"
 
 
 def _proposed_values(record: StepRecord) -> FloatArray:

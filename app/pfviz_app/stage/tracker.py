@@ -27,6 +27,7 @@ _MOST_POINTS = 1000
 _DARK, _BRIGHT = (10, 10, 14), (255, 255, 255)
 _ON_IMAGE = LIGHT
 _WEAK = (222, 224, 226)
+_EDGES = (240, 228, 66)
 _CLOSE_UP_PIXELS = 420
 
 
@@ -248,10 +249,10 @@ class TrackerStage:
         """What the detector sees, or the edges, over the whole frame."""
         if kind == "proposal":
             cells = seen.proposal.density
-            strength = np.sqrt(cells / cells.max())
+            strength = (cells / cells.max()) ** 0.25
             colour = _ON_IMAGE.proposal
         else:
-            strength, colour = seen.edges.astype(float), _ON_IMAGE.likelihood
+            strength, colour = seen.edges.astype(float), _EDGES
         layer = np.empty((*strength.shape, 4), np.uint8)
         layer[..., :3] = colour
         layer[..., 3] = np.rint(225.0 * strength)

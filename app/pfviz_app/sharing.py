@@ -1,0 +1,88 @@
+"""Keep and share: codes and links that bring everything back, and files to take along."""
+
+from __future__ import annotations
+
+import html
+import secrets
+import threading
+import time
+from collections.abc import Callable
+
+import viser
+
+from pfviz_app.commands import Command, Open
+from pfviz_app.picture import Picture
+from pfviz_app.settings import command_line
+from pfviz_app.share import Shared, encode
+
+_KEPT = "pfviz-link-"
+_WAITS = (0.2, 0.5, 1.0, 2.0, 4.0)
+
+_READ_LINK = """<img src="data:," alt="" hidden onerror="
+  const code = new URLSearchParams(location.search).get('code') ?? '';
+  localStorage.setItem('viser-user:{key}', code);
+">"""
+"""viser does not pass the page's address on, but lets the server read what the page has stored under its prefix."""
+
+_COPY = """<button type="button" data-text="{text}" data-link="{link}" style="{style}" onclick="
+  const link = location.origin + location.pathname + '?code=' + this.dataset.text;
+  const text = this.dataset.link ? link : this.dataset.text;
+  const area = document.createElement('textarea');
+  area.value = text; document.body.append(area); area.select(); document.execCommand('copy'); area.remove();
+  const label = this.textContent; this.textContent = 'copied'; setTimeout(() => this.textContent = label, 900);
+">{label}</button>"""
+_BUTTON = (
+    "font:inherit;font-size:12px;padding:3px 9px;margin:0 5px 5px 0;border-radius:5px;cursor:pointer;"
+    "border:1px solid #8886;background:transparent;color:inherit"
+)
+
+
+class Sharing:
+    """The folder with which a visitor keeps what is on screen, or passes it on."""
+
+    def __init__(self, client: viser.ClientHandle, post: Callable[[Command], None]) -> None:
+        self._shared: Shared | None = None
+        gui = client.gui
+        with gui.add_folder("Keep and share", expand_by_default=False):
+            self._code = gui.add_text("Code", "", hint="Brings back exactly this")
+            opening = gui.add_button("Open this code")
+            self._copies = gui.add_html("")
+
+        @opening.on_click
+        async def _(_: object) -> None:
+            post(Open(self._code.value))
+
+        threading.Thread(target=_follow_link, args=(client, post), name="pfviz-link", daemon=True).start()
+
+    def show(self, picture: Picture) -> None:
+        """The share code of what is on screen, unless the film runs."""
+        if picture.playing or picture.shared == self._shared:
+            return
+        self._shared = picture.shared
+        code = encode(self._shared)
+        self._code.value = code
+        command = command_line(picture.settings, picture.t)
+        copies = (("link", code, True), ("code", code, False), ("command", command, False))
+        buttons = "".join(_copy_button(label, text, link) for label, text, link in copies)
+        self._copies.content = f'<div style="padding:2px 12px 4px;font-size:12px">Copy {buttons}</div>'
+
+
+def _copy_button(label: str, text: str, link: bool = False) -> str:
+    return _COPY.format(text=html.escape(text), link="1" if link else "", style=_BUTTON, label=label)
+
+
+def _follow_link(client: viser.ClientHandle, post: Callable[[Command], None]) -> None:
+    """Open the code that the page's address holds, if it holds one."""
+    key = _KEPT + secrets.token_hex(4)
+    client.gui.add_html(_READ_LINK.format(key=key))
+    for wait in _WAITS:
+        time.sleep(wait)
+        try:
+            code = client.local_storage.get_item(key, timeout=5.0)
+        except (RuntimeError, TimeoutError):
+            return
+        if code is not None:
+            client.local_storage.remove_item(key)
+            if code:
+                post(Open(code))
+            return
