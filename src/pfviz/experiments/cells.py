@@ -11,6 +11,7 @@ import numpy as np
 from pfviz.experiments.experiment import Job, Row, Settings, run_seeds
 from pfviz.experiments.measure import Measured, toy_run
 from pfviz.experiments.statistics import Estimate, mean_of, paired_difference
+from pfviz.experiments.summary import Table
 from pfviz.experiments.trackers import tracker_run
 from pfviz.filters import FILTERS
 
@@ -82,6 +83,16 @@ def plain_mean(rows: Iterable[Row], name: str) -> float | None:
     """Its mean alone, None where it was never measured."""
     value = mean(rows, name).value
     return value if np.isfinite(value) else None
+
+
+def time_table(rows: Iterable[Row], *names: str) -> Table:
+    """Processor time of a step by ``names``: the one table that is another each time."""
+    cells = []
+    for key, members in grouped(rows, *names).items():
+        taken = mean(members, "milliseconds")
+        cells.append((*key, taken.count, taken.value, taken.low, taken.high))
+    columns = (*names, "runs", "milliseconds a step", "low", "high")
+    return Table("processor-time", "Processor time of a step, on the machine that it ran on", columns, tuple(cells))
 
 
 def by_run(rows: Iterable[Row], name: str, *keys: str) -> dict[Hashable, float | None]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from pfviz.experiments.summary import Curve, CurveFigure, Figure, HeatFigure, HeatPanel
+from pfviz.experiments.summary import Curve, CurveFigure, CurvePanel, Figure, HeatFigure, HeatPanel
 from pfviz.particles import FloatArray
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
@@ -21,7 +21,7 @@ def write_figure(figure: Figure, folder: Path) -> tuple[Path, Path]:
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
-    with rc_context({"svg.hashsalt": figure.name, "font.size": 9}):
+    with rc_context({"svg.hashsalt": f"pfviz {figure.name}", "font.size": 9}):
         canvas = Canvas(layout="constrained")
         FigureCanvasAgg(canvas)
         if isinstance(figure, CurveFigure):
@@ -39,15 +39,19 @@ def _draw_curves(canvas: Any, figure: CurveFigure) -> None:
     across = min(count, 3)
     down = -(-count // across)
     canvas.set_size_inches(max(6.4, 4.2 * across), 3.4 * down + 0.9)
-    axes = canvas.subplots(down, across, squeeze=False, sharey=True).ravel()
+    axes = canvas.subplots(down, across, squeeze=False, sharey=figure.shared_y).ravel()
     labels = list(dict.fromkeys(curve.label for panel in figure.panels for curve in panel.curves))
     for axis, panel in zip(axes, figure.panels, strict=False):
         for curve in panel.curves:
-            _draw_curve(axis, curve, labels.index(curve.label))
+            _draw_line(axis, curve, labels.index(curve.label))
+        for curve in panel.curves:
+            _draw_interval(axis, curve, labels.index(curve.label))
         axis.set_title(panel.title)
         axis.set_xlabel(figure.x_label)
         axis.set_xscale("log" if figure.log_x else "linear")
         axis.set_yscale("log" if figure.log_y else "linear")
+        if figure.log_x:
+            _name_ticks(axis, panel)
         axis.grid(alpha=0.25)
     for axis in axes[::across]:
         axis.set_ylabel(figure.y_label)
@@ -68,13 +72,27 @@ def _legend_entries(axes: Any) -> tuple[list[Any], list[str]]:
     return handles, labels
 
 
-def _draw_curve(axis: Any, curve: Curve, index: int) -> None:
+def _draw_line(axis: Any, curve: Curve, index: int) -> None:
     colour = COLOURS[index % len(COLOURS)]
     style = _STYLES[(index // len(COLOURS)) % len(_STYLES)]
     marker = "o" if len(curve.x) <= 20 else None
     axis.plot(curve.x, curve.y, style, color=colour, label=curve.label, linewidth=1.4, marker=marker, markersize=3)
+
+
+def _draw_interval(axis: Any, curve: Curve, index: int) -> None:
+    """Without making room for it: with few runs intervals can be very wide."""
     if curve.low is not None and curve.high is not None:
+        colour, limits = COLOURS[index % len(COLOURS)], axis.get_ylim()
         axis.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.13, linewidth=0)
+        axis.set_ylim(limits)
+
+
+def _name_ticks(axis: Any, panel: CurvePanel) -> None:
+    """On a logarithmic axis: ticks where something was measured, if those are few."""
+    measured = sorted({float(value) for curve in panel.curves for value in curve.x})
+    if len(measured) <= 12:
+        axis.set_xticks(measured, [f"{value:g}" for value in measured])
+        axis.set_xticks([], minor=True)
 
 
 def _draw_heat(canvas: Any, figure: HeatFigure) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pfviz.experiments.cells import Arm, difference, grouped, is_film, mean, plain_mean, run_cells
+from pfviz.experiments.cells import Arm, difference, grouped, is_film, mean, plain_mean, run_cells, time_table
 from pfviz.experiments.experiment import Experiment, ExperimentError, Job, Row, Settings, blocks
 from pfviz.experiments.statistics import sign_of, wilson
 from pfviz.experiments.summary import Cell, Curve, CurveFigure, CurvePanel, Summary, Table
@@ -71,17 +71,19 @@ def summarise(rows: Sequence[Row], knob: str | None = None) -> Summary:
     table = Table(
         "comparison",
         "Filters side by side",
-        ("filter", *([knob] if knob else []), *columns, "ESS share", "milliseconds a step"),
+        ("filter", *([knob] if knob else []), *columns, "ESS share"),
         tuple(_line(key, members) for key, members in grouped(rows, *names).items()),
     )
-    return Summary((table,), (_figure(rows, knob),) if knob and rows else (), _sentences(rows, knob))
+    return Summary(
+        (table, time_table(rows, *names)), (_figure(rows, knob),) if knob and rows else (), _sentences(rows, knob)
+    )
 
 
 def _line(key: tuple[Any, ...], members: Sequence[Row]) -> tuple[Cell, ...]:
     error = mean(members, "error")
     followed = wilson(sum(map(followed_to_the_end, members)), len(members))
-    rest = (plain_mean(members, name) for name in ("ess_share", "milliseconds"))
-    return (*key, len(members), error.value, error.low, error.high, followed.value, followed.low, followed.high, *rest)
+    numbers = (error.value, error.low, error.high, followed.value, followed.low, followed.high)
+    return (*key, len(members), *numbers, plain_mean(members, "ess_share"))
 
 
 def followed_to_the_end(row: Row) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import lru_cache
 from time import thread_time
 
 import numpy as np
@@ -15,7 +16,8 @@ from pfviz.experiments.trackers import believed
 from pfviz.filters import FILTERS, make_filter
 from pfviz.randomness import step_rng
 from pfviz.vision.scenes import make_scene
-from pfviz.vision.tracker import learn_tracker
+from pfviz.vision.tracker import TrackerModel, learn_tracker
+from pfviz.vision.video import Image
 
 REFERENCE, REFERENCE_PARTICLES = "condensation", 2000
 SOURCES = {"condensation": 2000, "basic-sir": 3000, "rb-ss-hs-sir": 400}
@@ -24,7 +26,7 @@ _COUNTS = (50, 100, 200, 400, 800, 1200, 1600, 2400, 3200, 4800)
 _ENOUGH = 1.5
 
 
-def _jobs(seeds: int, filters: Sequence[str] = (), counts: Sequence[int] = _COUNTS, frames: int = 25) -> list[Job]:
+def jobs(seeds: int, filters: Sequence[str] = (), counts: Sequence[int] = _COUNTS, frames: int = 25) -> list[Job]:
     chosen = list(filters) or [name for name in FILTERS if name != "rb-hs-sir"]
     settings = {"place": "scene:twin", "filters": chosen, "counts": list(counts), "frames": frames, "variance": 5.0}
     return blocks([settings], seeds, 1)
@@ -52,9 +54,7 @@ def run_round(job: Job) -> list[Row]:
 
 def _frame_time(name: str, count: int, settings: Settings, seed: int) -> float:
     """Milliseconds of processor time of a frame: the median over the first frames."""
-    with make_scene(settings["place"].removeprefix("scene:")) as scene:
-        images = [scene.read(index) for index in range(settings["frames"])]
-        model = believed(learn_tracker(images[0], scene.box(0)), 1.0, 1.0, settings["variance"])
+    images, model = _material(settings["place"], settings["frames"], settings["variance"])
     filter_ = make_filter(name, count)
     particles, times = filter_.initial(step_rng(seed, 0), model), []
     for t, image in enumerate(images, start=1):
@@ -64,6 +64,13 @@ def _frame_time(name: str, count: int, settings: Settings, seed: int) -> float:
         times.append(1000.0 * (thread_time() - began))
         particles = record.posterior
     return float(np.median(times[2:]))
+
+
+@lru_cache(maxsize=1)
+def _material(place: str, frames: int, variance: float) -> tuple[list[Image], TrackerModel]:
+    with make_scene(place.removeprefix("scene:")) as scene:
+        images = [scene.read(index) for index in range(frames)]
+        return images, believed(learn_tracker(images[0], scene.box(0)), 1.0, 1.0, variance)
 
 
 def affordable(counts: Sequence[int], milliseconds: Sequence[float], budget: float) -> float | None:
@@ -145,7 +152,7 @@ EQUAL_TIME = Experiment(
     question="How many particles does each filter afford in the time that CONDENSATION takes for 2000 "
     "(Table 5 of the sources)?",
     seeds=20,
-    jobs=_jobs,
+    jobs=jobs,
     run=run_round,
     summarise=summarise,
     one_at_a_time=True,

@@ -88,7 +88,7 @@ def summarise(rows: Sequence[Row]) -> Summary:
     grown = Table("degradation", "Growth of the error against the right noise", columns, tuple(growth))
     label = "deviation of the system noise, as a factor"
     title = "Error by what the system noise is taken for"
-    figure = CurveFigure("noise-robustness", title, label, "error (px or units)", tuple(panels), True, True)
+    figure = CurveFigure("noise-robustness", title, label, "error (px or units)", tuple(panels), True, True, False)
     return Summary((table, grown), (figure,) if panels else (), sentences)
 
 

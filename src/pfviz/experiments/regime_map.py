@@ -6,12 +6,12 @@ the first hurts Basic-SIR, the second CONDENSATION.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from pfviz.experiments.cells import Arm, difference, grouped, is_film, mean, plain_arms, run_cells
+from pfviz.experiments.cells import Arm, difference, grouped, is_film, mean, plain_arms, plain_mean, run_cells
 from pfviz.experiments.experiment import Experiment, Job, Row, blocks
 from pfviz.experiments.statistics import Estimate, sign_of
 from pfviz.experiments.summary import Cell, HeatFigure, HeatPanel, Summary, Table
@@ -25,7 +25,7 @@ _TOY_COUNTS, _TRACKER_COUNTS = (25, 100, 400), (100, 400, 1200)
 _TOY_LADDER, _TRACKER_LADDER = (1600, 6400), (2400,)
 _TOY_STEPS, _TOY_SHARE = 40, 3
 FILTERS_SHOWN = ("condensation", "basic-sir", "rb-ss-hs-sir")
-_BASE, _RIVAL = "condensation", "rb-ss-hs-sir"
+_DUEL = _BASE, _RIVAL = "condensation", "rb-ss-hs-sir"
 
 
 def jobs(
@@ -91,9 +91,10 @@ def summarise(rows: Sequence[Row]) -> Summary:
     """Heat maps of ESS, error and loss; where history sampling pays in particles and in time."""
     tables, figures, sentences = [], [], []
     for region in regions(rows):
-        tables += [_cells_table(region), payoff_table(region)]
+        payoff, in_time = payoff_table(region), in_time_table(region)
+        tables += [_cells_table(region), payoff, in_time]
         figures += _heat_figures(region)
-        sentences += _sentences(region, tables[-1])
+        sentences += _sentences(region, payoff, in_time)
     return Summary(tables, figures, sentences)
 
 
@@ -102,50 +103,65 @@ def _cells_table(region: Region) -> Table:
     cells = []
     for key, members in grouped(region.rows, *names).items():
         error = mean(members, region.measure)
-        rest = (mean(members, name).value for name in ("ess_share", "lost", "milliseconds"))
+        rest = (plain_mean(members, name) for name in ("ess_share", "lost"))
         cells.append((FILTERS[key[0]].title, *key[1:], len(members), error.value, error.low, error.high, *rest))
-    columns = (*names, "runs", f"error ({region.unit})", "low", "high", "ESS share", "share of frames lost")
+    columns = (*names, "runs", f"error ({region.unit})", "low", "high", "ESS share")
+    columns += ("share of frames lost",)
     title = f"All cells: {region.name}"
-    return Table(f"regime-map-{region.name}", title, (*columns, "milliseconds a step"), tuple(cells), shown=False)
+    return Table(f"regime-map-{region.name}", title, columns, tuple(cells), shown=False)
 
 
 def payoff_table(region: Region) -> Table:
-    """By cell and N: CONDENSATION's error less RB-SS-HS-SIR's with as many particles, and their ratio in equal time.
-
-    In equal time is: CONDENSATION's error with the number of particles that takes as long as RB-SS-HS-SIR takes with
-    N, interpolated in the logarithms of error and time, over RB-SS-HS-SIR's error with N. None outside of the times
-    that CONDENSATION was measured at.
-    """
+    """By cell and N: CONDENSATION's error less RB-SS-HS-SIR's with as many particles."""
     cells: list[tuple[Cell, ...]] = []
-    for key, members in grouped(region.rows, "proposal", "system", "observation").items():
-        of = {name: [row for row in members if row["filter"] == name] for name in FILTERS_SHOWN}
-        by_count = {name: grouped(same, "particles") for name, same in of.items()}
-        for (count,), of_rival in by_count[_RIVAL].items():
-            gap = difference(by_count[_BASE].get((count,), []), of_rival, region.measure)
-            ratio = _ratio_in_equal_time(by_count[_BASE], of_rival, region.measure)
-            cells.append((*key, count, gap.count, gap.value, gap.low, gap.high, _pays(gap), ratio))
+    for key, base, rival in _duels(region):
+        for (count,), members in rival.items():
+            gap = difference(base.get((count,), []), members, region.measure)
+            cells.append((*key, count, gap.count, gap.value, gap.low, gap.high, _better(gap)))
     columns = ("proposal", "system", "observation", "particles", "runs", "CONDENSATION less RB-SS-HS-SIR")
-    columns += ("low", "high", "better with as many particles", "ratio in equal time")
-    return Table(f"payoff-{region.name}", f"Where history sampling pays: {region.name}", columns, tuple(cells))
+    title = f"Where history sampling pays, particle for particle: {region.name}"
+    return Table(f"payoff-{region.name}", title, (*columns, "low", "high", "better"), tuple(cells))
 
 
-def _pays(gap: Estimate) -> str:
+def in_time_table(region: Region) -> Table:
+    """The same against CONDENSATION with that number of particles, of those measured, whose time is the nearest."""
+    cells: list[tuple[Cell, ...]] = []
+    for key, base, rival in _duels(region):
+        for (count,), members in rival.items():
+            time = mean(members, "milliseconds").value
+            times = {other: mean(rows, "milliseconds").value for (other,), rows in base.items()}
+            if not times or not min(times.values()) < 2.0 * time or not max(times.values()) > 0.5 * time:
+                continue
+            other = min(times, key=lambda other: abs(np.log(times[other] / time)))
+            gap = difference(base[(other,)], members, region.measure)
+            numbers = (count, time, other, times[other], gap.count, gap.value, gap.low, gap.high)
+            cells.append((*key, *numbers, _better(gap)))
+    columns = (
+        "proposal",
+        "system",
+        "observation",
+        "particles",
+        "milliseconds",
+        "CONDENSATION with",
+        "its milliseconds",
+    )
+    columns += ("runs", "CONDENSATION less RB-SS-HS-SIR", "low", "high", "better")
+    title = f"Where history sampling pays, in as much time: {region.name}"
+    return Table(f"payoff-in-time-{region.name}", title, columns, tuple(cells))
+
+
+Duel = tuple[tuple[float, ...], dict[tuple[int], list[Row]], dict[tuple[int], list[Row]]]
+
+
+def _duels(region: Region) -> Iterator[Duel]:
+    """Every cell with the rows of the two filters by their number of particles."""
+    for key, members in grouped(region.rows, "proposal", "system", "observation").items():
+        base, rival = (grouped([row for row in members if row["filter"] == name], "particles") for name in _DUEL)
+        yield key, base, rival
+
+
+def _better(gap: Estimate) -> str:
     return {"greater": "RB-SS-HS-SIR", "less": "CONDENSATION", "undecided": "not to be told"}[sign_of(gap)]
-
-
-def _ratio_in_equal_time(base: Mapping[tuple[int], Sequence[Row]], rival: Sequence[Row], measure: str) -> float | None:
-    times, errors = _ladder(base, measure)
-    time, error = mean(rival, "milliseconds").value, mean(rival, measure).value
-    if len(times) < 2 or not times[0] <= time <= times[-1] or not error > 0.0:
-        return None
-    return float(np.exp(np.interp(np.log(time), np.log(times), np.log(errors))) / error)
-
-
-def _ladder(base: Mapping[tuple[int], Sequence[Row]], measure: str) -> tuple[list[float], list[float]]:
-    """Times and errors of one filter, by increasing time."""
-    points = [(mean(rows, "milliseconds").value, mean(rows, measure).value) for rows in base.values()]
-    points = sorted(point for point in points if min(point) > 0.0)
-    return [time for time, _ in points], [error for _, error in points]
 
 
 def _heat_figures(region: Region) -> list[HeatFigure]:
@@ -154,7 +170,7 @@ def _heat_figures(region: Region) -> list[HeatFigure]:
     proposal = 1.0 if any(row["proposal"] == 1.0 for row in region.rows) else region.rows[0]["proposal"]
     rows = [row for row in region.rows if row["proposal"] == proposal]
     better = {
-        (row[3], row[1], row[2]): row[8] == "RB-SS-HS-SIR"
+        (row[3], row[1], row[2]): row[-1] == "RB-SS-HS-SIR"
         for row in payoff_table(Region(region.name, region.measure, region.unit, rows)).rows
     }
     compared, figures = {row["particles"] for row in rows if row["filter"] == _RIVAL}, []
@@ -182,18 +198,17 @@ def _heat_panel(
     return HeatPanel(title, system, observation, values, marked if name == _RIVAL else None)
 
 
-def _sentences(region: Region, payoff: Table) -> list[str]:
+def _sentences(region: Region, payoff: Table, in_time: Table) -> list[str]:
     """Where the line runs, N by N: in particles, then in time."""
     sentences = []
-    for count in dict.fromkeys(payoff.column("particles")):
-        rows = [row for row in payoff.rows if row[3] == count]
-        won, lost = ([row for row in rows if row[8] == who] for who in ("RB-SS-HS-SIR", "CONDENSATION"))
-        timed = [row[9] for row in rows if isinstance(row[9], float)]
-        sentences.append(
-            f"{region.name}, N = {count}: with as many particles RB-SS-HS-SIR has the smaller error in {len(won)} of "
-            f"{len(rows)} cells{_where(won)}, CONDENSATION in {len(lost)}{_where(lost)}. In equal time RB-SS-HS-SIR's "
-            f"error is the smaller in {sum(ratio > 1.0 for ratio in timed)} of {len(timed)} cells that can be compared."
-        )
+    for table, words in ((payoff, "with as many particles"), (in_time, "in as much time")):
+        for count in dict.fromkeys(table.column("particles")):
+            rows = [row for row in table.rows if row[3] == count]
+            won, lost = ([row for row in rows if row[-1] == who] for who in ("RB-SS-HS-SIR", "CONDENSATION"))
+            sentences.append(
+                f"{region.name}, {words}, N = {count} for RB-SS-HS-SIR: it has the smaller error in {len(won)} of "
+                f"{len(rows)} cells{_where(won)}, CONDENSATION in {len(lost)}{_where(lost)}; the others cannot be told."
+            )
     return sentences
 
 

@@ -82,7 +82,7 @@ class HeatPanel:
 
 @dataclass(frozen=True, slots=True)
 class CurveFigure:
-    """Panels of curves side by side, with axes of the same meaning."""
+    """Panels of curves side by side; with ``shared_y``, on one scale."""
 
     name: str
     title: str
@@ -91,6 +91,7 @@ class CurveFigure:
     panels: tuple[CurvePanel, ...]
     log_x: bool = False
     log_y: bool = False
+    shared_y: bool = True
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from pfviz.experiments.cells import Arm, difference, grouped, mean, plain_mean, run_cells
+from pfviz.experiments.cells import Arm, difference, grouped, mean, plain_mean, run_cells, time_table
 from pfviz.experiments.experiment import Experiment, Job, Row, blocks
 from pfviz.experiments.statistics import Estimate, mean_of, sign_of, wilson
 from pfviz.experiments.summary import Cell, Curve, CurveFigure, CurvePanel, Summary, Table
@@ -107,13 +107,13 @@ def orderings(rows: Sequence[Row], measure: str) -> Table:
 
 def explanations(rows: Sequence[Row]) -> Table:
     """What each filter did, in means over all runs, that may explain how well it did."""
-    names = ("ess_share", "proposal_spread", "near_share", "sharpness", "posterior_spread", "milliseconds")
+    names = ("ess_share", "proposal_spread", "near_share", "sharpness", "posterior_spread")
     cells = []
     for (label, particles), members in grouped(rows, "label", "particles").items():
         means = [plain_mean(members, name) for name in names]
         cells.append((label, particles, None if means[0] is None else means[0] * particles, *means))
     columns = ("filter", "particles", "ESS", "ESS share", "spread of the proposed (px)", "of them within 10 px")
-    columns += ("sharpness of the likelihood", "spread of the posterior (px)", "milliseconds a frame")
+    columns += ("sharpness of the likelihood", "spread of the posterior (px)")
     return Table("explanations", "What may explain it", columns, tuple(cells))
 
 
@@ -206,7 +206,14 @@ def summarise_error(rows: Sequence[Row]) -> Summary:
     table = Table("tracking-error", "Distance from the object while it is not lost", columns, tuple(cells))
     figures = curves_of(rows, error_curve, "tracking-error", "Tracking error", "distance (px), runs not lost")
     claims, why = orderings(rows, "error"), explanations(rows)
-    tables = [table, claims, why, by_place(rows, "error", "Error (px) by scene"), *map(curve_table, figures[:1])]
+    tables = [
+        table,
+        claims,
+        why,
+        by_place(rows, "error", "Error (px) by scene"),
+        time_table(rows, "label", "particles"),
+    ]
+    tables += map(curve_table, figures[:1])
     return Summary(tables, figures, [_runs(rows), *claim_sentences(claims, "tracking error"), *why_sentences(rows)])
 
 

@@ -13,6 +13,8 @@ from multiprocessing.connection import Connection
 
 from pfviz.experiments.experiment import ExperimentError
 
+PATIENCE = "10s"
+"""How long a scheduler may take to answer."""
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 
 
@@ -44,7 +46,7 @@ def cluster(address: str) -> Iterator[Executor]:
     except ImportError:
         raise ExperimentError("a cluster needs Dask: pip install 'pfviz[cluster]'") from None
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout=PATIENCE)
     except (OSError, ValueError, TypeError) as error:
         raise ExperimentError(f"no Dask scheduler answers at '{address}': {error or type(error).__name__}") from None
     with client:
