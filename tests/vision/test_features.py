@@ -22,6 +22,10 @@ def picture(light: float, dark: float) -> np.ndarray:
     return np.repeat(np.where(disc(), light, dark).astype(np.uint8)[..., None], 3, axis=2)
 
 
+def grey(image: np.ndarray) -> np.ndarray:
+    return cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
+
+
 def distances_to_the_rim(edges: np.ndarray) -> np.ndarray:
     rows, columns = np.nonzero(edges)
     return np.abs(np.hypot(columns + 0.5 - 80, rows + 0.5 - 60) - 30)
@@ -39,14 +43,14 @@ NO_RATIO = encode(np.zeros(SHAPE))
     ids=["lightness", "colour"],
 )
 def test_an_edge_of_lightness_or_of_colour_is_an_edge(image, ratio):
-    edges = find_edges(image, ratio, 150.0)
+    edges = find_edges(grey(image), ratio, 150.0)
     distances = distances_to_the_rim(edges)
     assert len(distances) > 150
     assert distances.max() < 1.5
 
 
 def test_edges_weaker_than_the_threshold_are_none():
-    assert not find_edges(picture(110, 100), NO_RATIO, 150.0).any()
+    assert not find_edges(grey(picture(110, 100)), NO_RATIO, 150.0).any()
 
 
 def test_the_threshold_is_half_of_the_gradient_on_the_outline():

@@ -9,6 +9,7 @@ from vision_clips import clip
 from pfviz.filters import make_filter
 from pfviz.model import Model, Proposal
 from pfviz.particles import ParticleSet
+from pfviz.vision.motion import hand_held_motion
 from pfviz.vision.scenes import Scene
 from pfviz.vision.track import track
 from pfviz.vision.tracker import (
@@ -16,7 +17,6 @@ from pfviz.vision.tracker import (
     TrackerModel,
     TrackerOptions,
     dominant_mean,
-    hand_held_motion,
     learn_tracker,
 )
 from pfviz.vision.video import open_source

@@ -42,7 +42,7 @@ def weighted_sums(image: ArrayLike, transforms: ArrayLike, points: ArrayLike, we
 def weighted_sums_numpy(image: ArrayLike, transforms: ArrayLike, points: ArrayLike, weights: ArrayLike) -> FloatArray:
     """As ``weighted_sums``, in plain NumPy."""
     pixels, matrices, q = _checked(image, transforms, points)
-    return _values(pixels, matrices, q) @ checked("weights", weights, (len(q),))
+    return _values(pixels, matrices, q).astype(float) @ checked("weights", weights, (len(q),))
 
 
 def region_affinities(
@@ -132,7 +132,8 @@ def patch_values(image: ArrayLike, transform: ArrayLike, points: ArrayLike) -> N
 
 def normalised(values: ArrayLike) -> FloatArray:
     """``(M,)``: the ``values (M,)`` with zero mean and unit length; zeros where they are all equal."""
-    centred = np.asarray(values, dtype=float) - np.mean(values)
+    plain = np.asarray(values, dtype=float)
+    centred = plain - plain.mean()
     length = np.linalg.norm(centred)
     return centred / length if length > 0.0 else centred
 

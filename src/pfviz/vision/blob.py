@@ -149,10 +149,10 @@ class BlobDetector:
         away = _offsets_from(centre * (working_scale * map_scale), response.shape)
         distance = np.hypot(*away)
         about = distance <= _SIZE_ON_MAP
-        reference = np.stack([response[about], relative_to_peaks(response)[about]])
-        power = _peak_power(*reference, away[:, about])
-        offset = _peak(*reference, away[:, about], power)[0]
-        return replace(plain, offset=offset, reference=reference, peak_power=power)
+        own, relative = response[about], relative_to_peaks(response)[about]
+        power = _peak_power(own, relative, away[:, about])
+        offset, _ = _peak(own, relative, away[:, about], power)
+        return replace(plain, offset=offset, reference=np.stack([own, relative]), peak_power=power)
 
     def response(self, ratio: NDArray[np.uint8]) -> NDArray[np.float32]:
         """``(h, w)`` of the response map, between 0 and 1, from the colour ratio of the working image."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import cv2
 import numpy as np
@@ -17,6 +18,8 @@ _SPREAD = (10.0, 5.0, 5.0)
 CODE_ZERO, CODE_STEPS = 128, 60.0
 MOST = 2.0
 _OBJECT_GAUSSIANS, _BACKGROUND_GAUSSIANS = 3, 5
+_SIDE, _LEAST_SATURATION, _LEAST_VALUE = 10, 0.1, 0.2
+HSV_BINS = _SIDE * _SIDE + _SIDE
 _UNSEEN_OBJECT, _UNSEEN_BACKGROUND = 0.02, 0.1
 
 
@@ -121,7 +124,7 @@ class ColourRatio:
 
     def of(self, image: Image) -> NDArray[np.uint8]:
         """``(h, w)``: the log-ratio at every pixel of the BGR ``image``, as ``encode`` writes it."""
-        return self.codes.take(_indices(image))
+        return self.codes.take(colour_indices(image))
 
 
 def _fitted(colours: FloatArray, gaussians: int, limit: int = 4000) -> GaussianColours:
@@ -129,15 +132,33 @@ def _fitted(colours: FloatArray, gaussians: int, limit: int = 4000) -> GaussianC
     return GaussianColours.fit(colours[::stride], gaussians)
 
 
-def _indices(image: Image) -> NDArray[np.integer]:
-    """``(h, w)``: five bits of each channel, side by side."""
+def colour_indices(image: Image) -> NDArray[np.integer]:
+    """``(h, w)``: five bits of each channel, side by side: where to look in a table of colours."""
     leading = (image >> (8 - _BITS)).astype(np.uint16)
     return (leading[..., 0] << (2 * _BITS)) | (leading[..., 1] << _BITS) | leading[..., 2]
 
 
 def _all_colours() -> FloatArray:
     """``(32768, 3)``: the L*a*b* value in the middle of each cell of the table."""
+    return cv2.cvtColor(_table_levels(), cv2.COLOR_BGR2LAB)[0].astype(float)
+
+
+def _table_levels() -> Image:
+    """``(1, 32768, 3)``: the BGR colour in the middle of each cell of the table."""
     levels = ((np.arange(_LEVELS) + 0.5) * (256 / _LEVELS)).astype(np.uint8)
     blue, green, red = np.meshgrid(levels, levels, levels, indexing="ij")
-    bgr = np.stack([blue, green, red], axis=-1).reshape(1, -1, 3)
-    return cv2.cvtColor(bgr, cv2.COLOR_BGR2LAB)[0].astype(float)
+    return np.stack([blue, green, red], axis=-1).reshape(1, -1, 3)
+
+
+@lru_cache(maxsize=1)
+def hsv_bins() -> NDArray[np.uint8]:
+    """``(32768,)``: for every colour of the table its bin among ``HSV_BINS``, as Pérez et al. (2002) bin colours.
+
+    Hue and saturation in 10 x 10 bins where there is enough of both saturation and value to know the hue; 10 bins of
+    value for the rest, which is nearly grey or dark.
+    """
+    levels = _table_levels()
+    hsv = cv2.cvtColor(levels, cv2.COLOR_BGR2HSV_FULL)[0].astype(float) / 256.0
+    hue, saturation, value = np.minimum((hsv * _SIDE).astype(int), _SIDE - 1).T
+    coloured = (hsv[:, 1] > _LEAST_SATURATION) & (hsv[:, 2] > _LEAST_VALUE)
+    return np.where(coloured, hue * _SIDE + saturation, _SIDE * _SIDE + value).astype(np.uint8)

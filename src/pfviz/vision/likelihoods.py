@@ -1,16 +1,26 @@
-"""How well an outline fits a frame: edges found along its normals, and the colours on either side of it."""
+"""How well an outline fits a frame: edges along its normals, colours inside and around it, its look a frame ago."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pfviz.kernels import EdgeMap, scan_contours, scan_offsets_numpy, weighted_sums
+from pfviz.kernels import (
+    EdgeMap,
+    normalised,
+    patch_correlations,
+    patch_values,
+    region_affinities,
+    scan_contours,
+    scan_offsets_numpy,
+    weighted_sums,
+)
 from pfviz.particles import FloatArray, readonly
-from pfviz.vision.colour import CODE_STEPS, CODE_ZERO
+from pfviz.vision.colour import CODE_STEPS, CODE_ZERO, HSV_BINS
 from pfviz.vision.shapes import Contour
 
 
@@ -106,13 +116,109 @@ class ColourLikelihood:
 
         ``ratio`` must have a margin of one pixel of the code for zero on every side.
         """
-        with_margin = np.array(transforms)
-        with_margin[:, :, 2] += 1.0
-        sums = weighted_sums(ratio, with_margin, self.points, self.weights)
+        sums = weighted_sums(ratio, _in_margin(transforms), self.points, self.weights)
         return self.strength / CODE_STEPS * (sums - CODE_ZERO * self.weights.sum())
 
     def with_noise(self, factor: float) -> ColourLikelihood:
         return replace(self, strength=self.strength / factor**2)
+
+
+@dataclass(frozen=True)
+class HistogramLikelihood:
+    """The colour likelihood of Pérez et al. (2002): colour histograms of the object's regions, compared as wholes.
+
+    ``p(y | x) ∝ exp(-strength D^2)`` with ``D^2 = 1 - sum_b sqrt(q*_b q_b(x))``, the Bhattacharyya distance between a
+    region's histogram where the hypothesis puts it and that learnt, averaged over the regions. Two halves of the object
+    tell which way it is turned, which one histogram cannot. The histograms are those of points spread evenly over the
+    region, so that a large object costs no more than a small one; what is outside the frame is like nothing.
+
+    Attributes:
+        points: ``(M, 2)``, about the outline's centre, in frame pixels, region by region.
+        starts: ``(R + 1,)``, where in ``points`` each region starts; last, M.
+        references: ``(R, B)``, the histograms learnt.
+        strength: the lambda above.
+    """
+
+    points: FloatArray
+    starts: NDArray[np.int64]
+    references: FloatArray
+    strength: float
+
+    @classmethod
+    def learn(
+        cls, contour: Contour, bins: NDArray[np.uint8], transform: FloatArray, strength: float, points: int = 128
+    ) -> HistogramLikelihood:
+        """From the ``bins (h + 2, w + 2)`` of an image where ``transform (2, 3)`` puts the ``contour``.
+
+        The regions are the halves of the object on either side of the middle of its longer axis.
+        """
+        interior = _interior_points(contour, points, 0.02 * contour.size)
+        along = interior @ np.linalg.svd(interior, full_matrices=False)[2][0]
+        halves = [part for part in (interior[along < 0.0], interior[along >= 0.0]) if len(part)]
+        starts = np.cumsum([0, *(len(part) for part in halves)])
+        ordered = np.vstack(halves)
+        values = patch_values(bins, _in_margin(transform[None])[0], ordered)
+        regions = [values[a:b] for a, b in pairwise(starts)]
+        references = [np.bincount(region, minlength=256)[:HSV_BINS] / len(region) for region in regions]
+        return cls(readonly(ordered), starts.astype(np.int64), readonly(np.array(references)), strength)
+
+    def squared_distance(self, transforms: FloatArray, bins: NDArray[np.uint8]) -> FloatArray:
+        """``(N,)``: D^2 for outlines put by ``transforms (N, 2, 3)`` into the image of these ``bins (h + 2, w + 2)``.
+
+        ``bins`` must have a margin of one pixel of ``NO_BIN`` on every side.
+        """
+        return 1.0 - region_affinities(bins, _in_margin(transforms), self.points, self.starts, self.references)
+
+    def log_likelihood(self, transforms: FloatArray, bins: NDArray[np.uint8]) -> FloatArray:
+        """``(N,)``: minus ``strength`` times the squared distance; arguments as there."""
+        return -self.strength * self.squared_distance(transforms, bins)
+
+    def with_noise(self, factor: float) -> HistogramLikelihood:
+        return replace(self, strength=self.strength / factor**2)
+
+
+@dataclass(frozen=True)
+class MotionLikelihood:
+    """The implicit motion of Odobez et al. (2006): from frame to frame an object keeps its look.
+
+    ``p(y_t | x_t, y_{t-1}, x_{t-1}) ∝ exp(-strength (1 - c))``, where c is the normalised correlation of the grey patch
+    that the hypothesis covers with that covered in the frame before. The lecture takes the particle's own history for
+    x_{t-1}; here it is the estimate of the frame before, the same for all, so that the likelihood remains a function of
+    the innovation alone (Assumption D), which history sampling needs.
+
+    Attributes:
+        points: ``(M, 2)``, about the outline's centre, in frame pixels.
+        strength: the lambda above.
+    """
+
+    points: FloatArray
+    strength: float
+
+    @classmethod
+    def around(cls, contour: Contour, strength: float, points: int = 144) -> MotionLikelihood:
+        """Points spread evenly inside ``contour``."""
+        return cls(readonly(_interior_points(contour, points, 0.05 * contour.size)), strength)
+
+    def patch(self, transform: FloatArray, grey: NDArray[np.uint8]) -> FloatArray:
+        """``(M,)``: what the outline covers, put by ``transform (2, 3)`` into the image ``grey (h, w)``; normalised."""
+        return readonly(normalised(patch_values(grey, transform, self.points)))
+
+    def log_likelihood(self, transforms: FloatArray, grey: NDArray[np.uint8], before: FloatArray) -> FloatArray:
+        """``(N,)``: for outlines put by ``transforms (N, 2, 3)`` into the image ``grey (h, w)``.
+
+        ``before (M,)`` is the patch of the frame before.
+        """
+        return -self.strength * (1.0 - patch_correlations(grey, transforms, self.points, before))
+
+    def with_noise(self, factor: float) -> MotionLikelihood:
+        return replace(self, strength=self.strength / factor**2)
+
+
+def _in_margin(transforms: FloatArray) -> FloatArray:
+    """``(N, 2, 3)``: the same transforms into an image with a margin of one pixel."""
+    moved = np.array(transforms)
+    moved[:, :, 2] += 1.0
+    return moved
 
 
 def _interior_points(contour: Contour, count: int, margin: float) -> FloatArray:

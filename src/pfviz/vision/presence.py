@@ -9,12 +9,12 @@ against it.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 
-from pfviz.particles import ParticleSet
+from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import Stage, StepRecord
 
 Status = Literal["tracked", "lost"]
@@ -30,11 +30,13 @@ class Presence:
         probability: of the object being there, given the scores so far.
         tracked: the verdict; with hysteresis, so that it does not flicker.
         score: of the latest estimate; NaN before the first and where there was nothing to observe.
+        patch: ``(M,)``, how the object looked there, where the model measures implicit motion.
     """
 
     probability: float
     tracked: bool
     score: float = float("nan")
+    patch: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
     def status(self) -> Status:

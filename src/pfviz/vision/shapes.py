@@ -1,8 +1,11 @@
 """Closed spline outlines, and where the states of the tracker put them in the image.
 
-The state of the tracker is ``(x, y, rotation, log_scale)``: the position of the outline's centre in pixels,
-the angle in radians by which it has turned since the start (x to the right, y down, so a positive angle turns
-clockwise on the screen), and the logarithm of its size relative to the start.
+The state of the tracker begins with the position of the outline's centre in pixels. In the shape space of similarities
+it is ``(x, y, rotation, log_scale)``: the angle in radians by which the outline has turned since the start (x to the
+right, y down, so a positive angle turns clockwise on the screen), and the logarithm of its size relative to the start.
+The space of translations has ``(x, y)`` alone. The planar affine space adds a stretch, ``(p, q)``: the outline is first
+transformed by the exponential of the symmetric matrix ``[[p, q], [q, -p]]``, which keeps its area, then scaled and
+turned. By the polar decomposition every affine map that does not mirror is one of these, and zeros are the start.
 """
 
 from __future__ import annotations
@@ -15,7 +18,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pfviz.particles import FloatArray, readonly
 
-STATE_NAMES = ("x", "y", "rotation", "log_scale")
+STATE_NAMES = ("x", "y", "rotation", "log_scale", "stretch_p", "stretch_q")
+DEFAULT_SHAPE = "similarity"
+SHAPES = {"translation": 2, "similarity": 4, "affine": 6}
 DEFAULT_POINTS = 32
 _CONTROL_POINTS = 16
 _DENSE = 24
@@ -23,16 +28,31 @@ _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) 
 
 
 def transforms(states: FloatArray, factor: float = 1.0) -> FloatArray:
-    """``(N, 2, 3)``: the similarity transforms of ``states (N, 4)`` from the outline's own frame to the
-    image.
+    """``(N, 2, 3)``: the maps of ``states (N, k)``, k = 2, 4 or 6, from the outline's own frame to the image.
 
     ``factor`` is the size of the image's pixels relative to the state's: 0.5 for an image of half the size.
     """
-    x, y, rotation, log_scale = states.T * 1.0
-    scale = factor * np.exp(log_scale)
-    cosine, sine = scale * np.cos(rotation), scale * np.sin(rotation)
-    rows = np.stack([cosine, -sine, factor * x, sine, cosine, factor * y], axis=-1)
-    return rows.reshape(-1, 2, 3)
+    matrices = np.zeros((len(states), 2, 3))
+    matrices[:, :, 2] = factor * states[:, :2]
+    if states.shape[1] == 2:
+        matrices[:, 0, 0] = matrices[:, 1, 1] = factor
+        return matrices
+    scale = factor * np.exp(states[:, 3])
+    cosine, sine = scale * np.cos(states[:, 2]), scale * np.sin(states[:, 2])
+    matrices[:, 0, 0], matrices[:, 0, 1] = cosine, -sine
+    matrices[:, 1, 0], matrices[:, 1, 1] = sine, cosine
+    if states.shape[1] == 6:
+        matrices[:, :, :2] = matrices[:, :, :2] @ stretches(states[:, 4:])
+    return matrices
+
+
+def stretches(stretch: FloatArray) -> FloatArray:
+    """``(N, 2, 2)``: the exponentials of the symmetric matrices ``[[p, q], [q, -p]]`` of ``stretch (N, 2)``."""
+    p, q = stretch.T
+    amount = np.hypot(p, q)
+    even, odd = np.cosh(amount), np.sinh(amount) / np.where(amount > 0.0, amount, 1.0)
+    odd = np.where(amount > 0.0, odd, 1.0)
+    return np.stack([even + odd * p, odd * q, odd * q, even - odd * p], axis=-1).reshape(-1, 2, 2)
 
 
 def apply(matrices: FloatArray, points: FloatArray) -> FloatArray:
@@ -85,11 +105,11 @@ class Contour:
         return _evaluate(self.control_points, _parameters(len(self.control_points), per_segment))
 
     def outlines(self, states: FloatArray, per_segment: int = 4, factor: float = 1.0) -> FloatArray:
-        """``(N, m * per_segment, 2)``: the polygon in the image for each of ``states (N, 4)``."""
+        """``(N, m * per_segment, 2)``: the polygon in the image for each of ``states (N, k)``."""
         return apply(transforms(np.atleast_2d(states), factor), self.outline(per_segment))
 
     def bounding_box(self, state: FloatArray) -> tuple[float, float, float, float]:
-        """``(x, y, width, height)`` of the outline in the image, for ``state (4,)``."""
+        """``(x, y, width, height)`` of the outline in the image, for ``state (k,)``."""
         outline = self.outlines(state)[0]
         low, high = outline.min(axis=0), outline.max(axis=0)
         return float(low[0]), float(low[1]), float(high[0] - low[0]), float(high[1] - low[1])

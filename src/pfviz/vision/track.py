@@ -94,7 +94,7 @@ def track(
         began = perf_counter()
         record = filter.step(step_rng(seed, t), model.given(presence), particles, model.observe(image))
         estimate = model.estimate(record)
-        presence = model.presence(presence, record)
+        presence = model.presence(presence, record, estimate)
         elapsed = 1000.0 * (perf_counter() - began)
         particles = record.posterior
         yield TrackedFrame(index, image, record, estimate, elapsed, presence)

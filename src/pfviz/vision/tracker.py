@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
@@ -21,11 +22,15 @@ from pfviz.vision.features import (
     working_image,
     working_scale,
 )
-from pfviz.vision.likelihoods import ColourLikelihood, ContourLikelihood
+from pfviz.vision.likelihoods import ColourLikelihood, ContourLikelihood, HistogramLikelihood, MotionLikelihood
+from pfviz.vision.motion import DEFAULT_DYNAMICS, MotionScale, joined_motion, make_motion
+from pfviz.vision.options import TrackerOptions
 from pfviz.vision.presence import NOT_YET_FOUND, Presence, PresenceRule, weighed_posterior
 from pfviz.vision.segmentation import box_error, segment
 from pfviz.vision.shapes import (
     DEFAULT_POINTS,
+    DEFAULT_SHAPE,
+    SHAPES,
     Contour,
     contour_from_box,
     contour_from_mask,
@@ -35,41 +40,17 @@ from pfviz.vision.shapes import (
 from pfviz.vision.video import DEFAULT_FRAME_RATE, Box, Image
 
 DEFAULT_MODEL = "contour+colour"
-_ANYWHERE = np.array([0.3, 0.1])
-_BACKGROUND_PLACES = 256
 MODELS = {
     "contour": "the nearest edge along each normal of the outline (CONDENSATION)",
     "colour": "the object's colours inside the outline, the background's just outside",
+    "histogram": "colour histograms of the object's two halves, as they were learnt (Pérez et al. 2002)",
     "contour+colour": "the product of the two, taken as independent",
+    "contour+histogram": "the product of the two, taken as independent",
+    "contour+motion": "edges, and the look that the object had a frame ago (Odobez' implicit motion)",
+    "contour+colour+motion": "edges, colours, and the look that the object had a frame ago",
 }
-
-
-@dataclass(frozen=True, slots=True)
-class TrackerOptions:
-    """What a tracker assumes before it has seen anything. Lengths are relative, so that it works for any
-    video.
-
-    Attributes:
-        normals: points of the outline that are measured.
-        independent_normals: how many of them count as independent; tempers the contour likelihood.
-        independent_pixels: how many of the pixels inside and outside count as independent; tempers the colour
-            one.
-        position_noise: standard deviation of the position's noise at 30 frames per second, relative to the
-            geometric mean of the object's size and the frame's diagonal.
-        rotation_noise: the same of rotation, in radians.
-        scale_noise: the same of the logarithm of scale.
-        keep: the part of the velocities of x, y, rotation and log scale kept after 1/30 second.
-        scale_spring: the part of the log scale drawn back towards zero in 1/30 second.
-    """
-
-    normals: int = 32
-    independent_normals: float = 16.0
-    independent_pixels: float = 4.0
-    position_noise: float = 0.02
-    rotation_noise: float = 0.04
-    scale_noise: float = 0.015
-    keep: tuple[float, float, float, float] = (0.9, 0.9, 0.8, 0.7)
-    scale_spring: float = 0.002
+_ANYWHERE = np.array([0.3, 0.1, 0.05, 0.05])
+_BACKGROUND_PLACES = 256
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +63,7 @@ class TrackEstimate:
         rotation: radians since the start.
         scale: relative to the start.
         box: ``(x, y, width, height)`` of its outline.
+        stretch: the rest of an affine map; see ``pfviz.vision.shapes``.
     """
 
     x: float
@@ -89,30 +71,35 @@ class TrackEstimate:
     rotation: float
     scale: float
     box: Box
+    stretch: tuple[float, float] | None = None
 
     @property
     def state(self) -> FloatArray:
-        """``(4,)``: as a state of the tracker."""
-        return np.array([self.x, self.y, self.rotation, np.log(self.scale)])
+        """``(4,)``, or ``(6,)`` in the affine shape space: as a state of the tracker."""
+        return np.array([self.x, self.y, self.rotation, np.log(self.scale), *(self.stretch or ())])
 
 
 @dataclass(frozen=True)
 class TrackerModel:
     """A contour tracker: the experiment of the sources (section 3), for any object.
 
-    The state is ``(x, y, rotation, log_scale)``, of second order.
+    The state is ``(x, y, rotation, log_scale)``, of second order; other shape spaces have fewer or more components
+    (see ``pfviz.vision.shapes``), other dynamics another order. The detector proposes x and y in all of them.
 
     Attributes:
         name: of the measurement, a key of ``MODELS``.
         contour: the object's outline, in frame pixels.
         size: width and height of the frame.
-        start: ``(4,)``, the state in which the outline was learnt.
+        start: ``(k,)``, the state in which the outline was learnt.
         dynamics: of the state.
-        prior_deviation: ``(2, 4)``, standard deviations of the first state and of its velocity.
+        prior_deviation: ``(2, k)``, standard deviations of the first state and of its velocity.
         extractor: of what is measured.
         contour_likelihood: of the edges, None where ``name`` does not use it.
-        colour_likelihood: of the colours, None where ``name`` does not use it. With both, the two are multiplied.
+        colour_likelihood: of the colours, None where ``name`` does not use it. What is used is multiplied.
         presence_rule: when the object counts as lost, and as found.
+        histogram_likelihood: of the colour histograms, None where ``name`` does not use it.
+        motion_likelihood: of the look a frame ago, None where ``name`` does not use it.
+        patch_before: ``(M,)``, the look a frame ago; None where the object was not tracked then, or nothing needs it.
         searching: whether the object is lost: the prior is then that of an object that may be anywhere in the frame,
             and a ``Restarting`` filter looks for it.
     """
@@ -127,6 +114,9 @@ class TrackerModel:
     contour_likelihood: ContourLikelihood | None
     colour_likelihood: ColourLikelihood | None
     presence_rule: PresenceRule
+    histogram_likelihood: HistogramLikelihood | None = None
+    motion_likelihood: MotionLikelihood | None = None
+    patch_before: FloatArray | None = None
     searching: bool = False
 
     def observe(self, image: Image) -> FrameFeatures:
@@ -140,74 +130,106 @@ class TrackerModel:
         return self.extractor(image)
 
     def log_likelihood(self, innovation: FloatArray, observation: FrameFeatures) -> FloatArray:
-        """``(N,)``: log p(y | x1) for ``innovation (N, 4)``, but for a constant of the frame."""
+        """``(N,)``: log p(y | x1) for ``innovation (N, k)``, but for a constant of the frame."""
+        parts = self.log_likelihood_parts(innovation, observation).values()
+        return sum(parts, start=np.zeros(len(innovation)))
+
+    def log_likelihood_parts(self, innovation: FloatArray, observation: FrameFeatures) -> dict[str, FloatArray]:
+        """What each measurement says, by name: the terms of ``log_likelihood``, each ``(N,)``."""
         matrices = transforms(innovation, self.extractor.working_scale)
-        total = np.zeros(len(innovation))
+        parts = {}
         if self.contour_likelihood is not None:
-            total += self.contour_likelihood.log_likelihood(matrices, observation.edge_map)
+            parts["contour"] = self.contour_likelihood.log_likelihood(matrices, observation.edge_map)
         if self.colour_likelihood is not None:
-            total += self.colour_likelihood.log_likelihood(matrices, observation.ratio)
-        return total
+            parts["colour"] = self.colour_likelihood.log_likelihood(matrices, observation.ratio)
+        if self.histogram_likelihood is not None and observation.bins is not None:
+            parts["histogram"] = self.histogram_likelihood.log_likelihood(matrices, observation.bins)
+        motion, before, grey = self.motion_likelihood, self.patch_before, observation.grey
+        if motion is not None and before is not None and grey is not None:
+            parts["motion"] = motion.log_likelihood(matrices, grey, before)
+        return parts
 
     def proposal(self, observation: FrameFeatures) -> GridProposal:
         """The blob detector's answer for the frame: a density of x and y."""
         return observation.proposal
 
     def sample_prior(self, rng: np.random.Generator, count: int) -> FloatArray:
-        """``(count, 2, 4)``: states of the frame before the start, which move on to about ``start``.
+        """``(count, p, k)``: states of the frame before the start, which move on to about ``start``.
 
         While the model is searching they lie anywhere in the frame, turned and sized a little differently.
         """
-        position, velocity = rng.standard_normal((2, count, 4)) * self.prior_deviation[:, None]
+        position, velocity = rng.standard_normal((2, count, len(self.start))) * self.prior_deviation[:, None]
         previous = self.start + position - velocity
         if self.searching:
             previous[:, :2] = rng.random((count, 2)) * self.size
-            previous[:, 2:] = self.start[2:] + position[:, 2:] * (_ANYWHERE / self.prior_deviation[0, 2:])
-        return np.stack([previous, previous - velocity], axis=1)
+            wider = _ANYWHERE[: len(self.start) - 2] / self.prior_deviation[0, 2:]
+            previous[:, 2:] = self.start[2:] + position[:, 2:] * wider
+        ages = np.arange(self.dynamics.order)[:, None]
+        return previous[:, None] - ages * velocity[:, None]
 
     def given(self, presence: Presence) -> TrackerModel:
         """The model for the step that follows ``presence``: searching unless the object is tracked."""
-        return self if self.searching != presence.tracked else replace(self, searching=not presence.tracked)
+        if self.searching != presence.tracked and presence.patch is self.patch_before:
+            return self
+        return replace(self, searching=not presence.tracked, patch_before=presence.patch)
 
     def with_noise(self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0) -> TrackerModel:
         """The same model with the standard deviations of its noises multiplied by these factors."""
-        contour, colour = self.contour_likelihood, self.colour_likelihood
+        names = ("contour_likelihood", "colour_likelihood", "histogram_likelihood", "motion_likelihood")
+        likelihoods = {name: getattr(self, name) for name in names}
         detector = self.extractor.detector.widened(proposal)
         return replace(
             self,
             dynamics=self.dynamics.with_noise(system),
-            contour_likelihood=contour and contour.with_noise(observation),
-            colour_likelihood=colour and colour.with_noise(observation),
             extractor=replace(self.extractor, detector=detector),
             presence_rule=self.presence_rule.scaled(observation**-2.0),
+            **{name: used and used.with_noise(observation) for name, used in likelihoods.items()},
         )
 
     def estimate(self, record: StepRecord) -> TrackEstimate:
         """The mean of the posterior's dominant mode, before any restart; see ``dominant_mean``."""
         return self.estimate_of(dominant_mean(weighed_posterior(record), self.contour.size))
 
-    def score(self, record: StepRecord) -> float:
-        """The log-likelihood of the estimate in its frame; NaN where nothing was observed."""
+    def score(self, record: StepRecord, estimate: TrackEstimate | None = None) -> float:
+        """The log-likelihood of the estimate in its frame; NaN where nothing was observed.
+
+        Implicit motion is left out: it compares with the frame before, whatever was tracked there.
+        """
         if record.condition == "missing":
             return float("nan")
-        state = self.estimate(record).state
-        return float(self.log_likelihood(state[None], record.observation)[0])
+        state = (estimate or self.estimate(record)).state
+        parts = replace(self, patch_before=None).log_likelihood_parts(state[None], record.observation)
+        return float(sum(part[0] for part in parts.values()))
 
-    def presence(self, before: Presence, record: StepRecord) -> Presence:
+    def presence(self, before: Presence, record: StepRecord, estimate: TrackEstimate | None = None) -> Presence:
         """Whether the object is tracked or lost after the step of ``record``, from what was believed before it.
 
         A run begins with ``AT_START``, or with ``NOT_YET_FOUND`` where the object may be absent.
+
+        Args:
+            before: the presence after the step before.
+            record: the step.
+            estimate: that of the step, where it is known already.
         """
-        return self.presence_rule.after(before, self.score(record))
+        estimate = estimate or self.estimate(record)
+        after = self.presence_rule.after(before, self.score(record, estimate))
+        grey = getattr(record.observation, "grey", None)
+        if self.motion_likelihood is None or grey is None or not after.tracked:
+            return after
+        placing = transforms(estimate.state[None], self.extractor.working_scale)[0]
+        return replace(after, patch=self.motion_likelihood.patch(placing, grey))
 
     def estimate_of(self, state: FloatArray) -> TrackEstimate:
-        """A ``state (4,)`` in the terms that are reported."""
-        x, y, rotation, log_scale = (float(value) for value in state)
-        return TrackEstimate(x, y, rotation, float(np.exp(log_scale)), self.contour.bounding_box(state))
+        """A ``state (k,)`` in the terms that are reported."""
+        x, y, rotation, log_scale, *stretch = (float(value) for value in (*state, 0.0, 0.0)[: max(4, len(state))])
+        box = self.contour.bounding_box(state)
+        return TrackEstimate(
+            x, y, rotation, float(np.exp(log_scale)), box, (stretch[0], stretch[1]) if stretch else None
+        )
 
 
 def dominant_mean(particles: ParticleSet, reach: float) -> FloatArray:
-    """``(4,)``: the weighted mean of the particles about the heaviest place.
+    """``(k,)``: the weighted mean of the particles about the heaviest place.
 
     When two objects look alike the posterior has two modes, and its mean lies between them, where nothing is.
     So the particles within ``reach`` pixels of the heaviest place are found by mean shift, from the heaviest
@@ -241,6 +263,8 @@ def learn_tracker(
     frame_rate: float = DEFAULT_FRAME_RATE,
     model: str = DEFAULT_MODEL,
     options: TrackerOptions | None = None,
+    shape: str = DEFAULT_SHAPE,
+    dynamics: str | Autoregression = DEFAULT_DYNAMICS,
 ) -> TrackerModel:
     """A tracker for the object in ``box`` (or inside ``polygon``) in one BGR ``image``.
 
@@ -252,10 +276,14 @@ def learn_tracker(
         frame_rate: frames per second: at a lower rate more happens between two frames.
         model: what is measured, a key of ``MODELS``.
         options: what else is assumed.
+        shape: how the outline can change, a key of ``SHAPES``.
+        dynamics: how it moves, a key of ``DYNAMICS``; or any autoregression, of the whole state or of its first
+            components (x and y, say): the others are then hand-held.
 
     Raises:
-        ValueError: if neither box nor polygon is given, or the box does not fit the frame.
-        UnknownName: if there is no such model.
+        ValueError: if neither box nor polygon is given, the box does not fit the frame, or the dynamics have more
+            components than the shape space.
+        UnknownName: if there is no such model, shape space or dynamics.
     """
     find(MODELS, model, "model")
     options = options or TrackerOptions()
@@ -263,29 +291,59 @@ def learn_tracker(
     if box is not None and (problem := box_error(box, size)):
         raise ValueError(problem)
     contour, centre = learn_contour(image, box, polygon, options.normals)
-    start = readonly(np.array([centre[0], centre[1], 0.0, 0.0]))
-    dynamics = hand_held_motion(size, contour.size, frame_rate, options)
+    start = readonly(np.concatenate([centre, np.zeros(find(SHAPES, shape, "shape") - 2)]))
+    motion = _motion(dynamics, MotionScale(size, contour.size, frame_rate, len(start)), start, options)
     extractor = learn_features(image, contour, start)
-    normals = ContourLikelihood(
+    used = set(model.split("+"))
+    extractor = replace(extractor, histograms="histogram" in used, motion="motion" in used)
+    tracker = TrackerModel(
+        name=model,
+        contour=contour,
+        size=size,
+        start=start,
+        dynamics=motion,
+        prior_deviation=_prior_deviation(motion, contour.size),
+        extractor=extractor,
+        presence_rule=PresenceRule(0.0, -1.0),
+        **_learn_likelihoods(used, contour, extractor, extractor(image), start, options),
+    )
+    return replace(tracker, presence_rule=learn_presence(tracker, image))
+
+
+def _motion(
+    dynamics: str | Autoregression, scale: MotionScale, start: FloatArray, options: TrackerOptions
+) -> Autoregression:
+    if isinstance(dynamics, str):
+        return make_motion(dynamics, scale, start, options)
+    return joined_motion(dynamics, make_motion(DEFAULT_DYNAMICS, scale, start, options))
+
+
+def _learn_likelihoods(
+    used: set[str],
+    contour: Contour,
+    extractor: FeatureExtractor,
+    features: FrameFeatures,
+    start: FloatArray,
+    options: TrackerOptions,
+) -> dict[str, Any]:
+    """The likelihoods that are ``used``, by the model's attribute; None for the others."""
+    edges = ContourLikelihood(
         points=contour.points,
         normals=contour.normals,
         search=extractor.reach,
         sigma=extractor.reach / 1.5,
         temper=options.independent_normals / contour.count,
     )
-    tracker = TrackerModel(
-        name=model,
-        contour=contour,
-        size=size,
-        start=start,
-        dynamics=dynamics,
-        prior_deviation=_prior_deviation(dynamics, contour.size),
-        extractor=extractor,
-        contour_likelihood=normals if "contour" in model else None,
-        colour_likelihood=ColourLikelihood.around(contour, options.independent_pixels) if "colour" in model else None,
-        presence_rule=PresenceRule(0.0, -1.0),
-    )
-    return replace(tracker, presence_rule=learn_presence(tracker, image))
+    histogram = None
+    if features.bins is not None:
+        placing = transforms(start[None], extractor.working_scale)[0]
+        histogram = HistogramLikelihood.learn(contour, features.bins, placing, options.histogram_strength)
+    return {
+        "contour_likelihood": edges if "contour" in used else None,
+        "colour_likelihood": ColourLikelihood.around(contour, options.independent_pixels) if "colour" in used else None,
+        "histogram_likelihood": histogram,
+        "motion_likelihood": MotionLikelihood.around(contour, options.motion_strength) if "motion" in used else None,
+    }
 
 
 def learn_presence(model: TrackerModel, image: Image) -> PresenceRule:
@@ -299,7 +357,7 @@ def learn_presence(model: TrackerModel, image: Image) -> PresenceRule:
 
 
 def learn_features(image: Image, contour: Contour, start: FloatArray) -> FeatureExtractor:
-    """What tells the object from its background in one BGR ``image``, where ``contour`` lies at ``start (4,)``."""
+    """What tells the object from its background in one BGR ``image``, where ``contour`` lies at ``start (k,)``."""
     size = (image.shape[1], image.shape[0])
     scale = working_scale(size, contour.size)
     working = working_image(image, scale)
@@ -329,29 +387,10 @@ def learn_contour(
     return Contour(contour.control_points / scale, normals), (centre + 0.5) / scale
 
 
-def hand_held_motion(
-    size: tuple[int, int], object_size: float, frame_rate: float, options: TrackerOptions | None = None
-) -> Autoregression:
-    """Second-order dynamics of something that a hand moves: velocities that fade, driven by noise.
-
-    Position and rotation keep a part of their velocity; the logarithm of scale does too and is drawn back to
-    zero, its mean (the constrained process of Odobez' lecture). The deviation of the noise grows with the
-    time between frames.
-    """
-    options = options or TrackerOptions()
-    interval = float(np.clip(DEFAULT_FRAME_RATE / frame_rate, 0.25, 4.0))
-    keep = np.array(options.keep) ** interval
-    spring = np.array([0.0, 0.0, 0.0, options.scale_spring * interval])
-    position = options.position_noise * float(np.sqrt(object_size * np.hypot(*size)))
-    deviation = np.array([position, position, options.rotation_noise, options.scale_noise]) * interval
-    coefficients = np.stack([np.diag(1.0 + keep - spring), np.diag(-keep)])
-    return Autoregression(coefficients, np.diag(deviation**2))
-
-
 def _prior_deviation(dynamics: Autoregression, object_size: float) -> FloatArray:
-    """``(2, 4)``: of the first state and of its velocity."""
+    """``(2, k)``: of the first state and of its velocity."""
     noise = np.sqrt(np.diag(dynamics.noise_covariance))
-    first = np.array([0.02 * object_size, 0.02 * object_size, 0.03, 0.02])
+    first = np.array([0.02 * object_size, 0.02 * object_size, 0.03, 0.02, 0.02, 0.02])[: len(noise)]
     return readonly(np.stack([first, 1.5 * noise]))
 
 
