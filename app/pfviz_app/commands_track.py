@@ -51,15 +51,15 @@ def run_track(options: argparse.Namespace) -> None:
         source = stack.enter_context(open_source(options.source, limits_of(options), options.frame_rate))
         model = _model(source, options)
         sinks = list(_sinks(stack, options, model, source))
-        interrupted = stack.enter_context(_interrupts())
-        count = _run(source, model, options, sinks, interrupted)
-        if interrupted() and not count:
+        interrupts = stack.enter_context(_interrupts())
+        count = _run(source, model, options, sinks, interrupts)
+        if interrupts and not count:
             raise KeyboardInterrupt
         note = end_note(source)
-    if interrupted():
+    if interrupts:
         kept = ", ".join(display_name(name) for name in outputs.values() if name)
         _say(f"interrupted after {count} frames{f'; they are kept in {kept}' if kept else ''}")
-        raise SystemExit(130)
+        raise SystemExit(128 + interrupts[0])
     if note:
         _say(f"{display_name(options.source)} ended early, after {source.frame_count} frames: {note}")
 
@@ -80,7 +80,7 @@ def _run(
     model: TrackerModel,
     options: argparse.Namespace,
     sinks: list[Sink],
-    interrupted: Callable[[], bool],
+    interrupts: list[int],
 ) -> int:
     """Track until the video ends or somebody interrupts; how many frames that were."""
     progress = Progress(lambda: source.frame_count and max(source.frame_count - options.start_frame, 0))
@@ -90,7 +90,7 @@ def _run(
             sink(tracked)
         count += 1
         progress.show(count)
-        if interrupted():
+        if interrupts:
             break
     progress.close(count)
     return count
@@ -111,23 +111,23 @@ def _filter(options: argparse.Namespace) -> Filter:
 
 
 @contextmanager
-def _interrupts() -> Iterator[Callable[[], bool]]:
-    """Whether there was an interrupt. The first asks to end after the frame that is worked on; another one raises."""
+def _interrupts() -> Iterator[list[int]]:
+    """The signals that came so far. The first asks to end after the frame that is worked on; another one raises."""
     seen: list[int] = []
 
-    def note(number: int, frame: FrameType | None) -> None:
+    def note(number: int, _: FrameType | None) -> None:
         if seen:
             raise KeyboardInterrupt
         seen.append(number)
 
-    before = None
+    before: dict[int, Any] = {}
     with suppress(ValueError):  # not in the main thread: whoever is decides
-        before = signal.signal(signal.SIGINT, note)
+        before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield lambda: bool(seen)
+        yield seen
     finally:
-        if before is not None:
-            signal.signal(signal.SIGINT, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _sinks(stack: ExitStack, options: argparse.Namespace, model: TrackerModel, source: VideoSource) -> Iterator[Sink]:

@@ -243,13 +243,14 @@ def test_without_a_port_the_next_free_one_is_taken_and_said():
     assert "Traceback" not in rest
 
 
-def test_ctrl_c_keeps_what_is_done_and_says_so(tmp_path):
+@pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+def test_an_interrupt_keeps_what_is_done_and_says_so(tmp_path, number, code):
     outputs = ["--csv", tmp_path / "out.csv", "--output", tmp_path / "out.mp4", "--contact-sheet", tmp_path / "out.png"]
     with start("track", "scene:twin", "--particles", 2000, "--json", *outputs) as process:
         assert json.loads(next(itertools.islice(process.stdout, 3, None)))["frame"] == 3
-        process.send_signal(signal.SIGINT)
+        process.send_signal(number)
         *lines, said = process.stdout.read().splitlines()
-        assert process.wait(30) == 130
+        assert process.wait(30) == code
     count = 4 + len(lines)
     assert json.loads(lines[-1] if lines else '{"frame": 3}')["frame"] == count - 1 < 149
     assert said.startswith(f"pfviz: interrupted after {count} frames; they are kept in ")

@@ -5,6 +5,9 @@ from __future__ import annotations
 import csv
 import io
 import json
+import os
+import signal
+from contextlib import nullcontext
 from pathlib import Path
 
 import cv2
@@ -125,6 +128,7 @@ def test_nothing_is_overwritten_unasked(capfd, workplace, disc_file, option):
     assert listing(workplace) == [name]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="needs links and pipes")
 def test_the_video_that_is_read_and_files_named_twice_are_refused(capfd, workplace, disc_file):
     (workplace / "film.mp4").write_bytes(disc_file.read_bytes())
     words = ("track", "film.mp4", "--box", BOX, "--force")
@@ -132,7 +136,8 @@ def test_the_video_that_is_read_and_files_named_twice_are_refused(capfd, workpla
     (workplace / "link.mp4").symlink_to("film.mp4")
     assert "is the video that is read" in message_of(run_here(capfd, *words, "--output", "link.mp4"))
     assert "is also the file of --csv" in message_of(run_here(capfd, *words, "--csv", "x.mp4", "--output", "./x.mp4"))
-    assert "not a regular file" in message_of(run_here(capfd, *words, "--csv", "/dev/null"))
+    os.mkfifo("pipe.csv")
+    assert "not a regular file" in message_of(run_here(capfd, *words, "--csv", "pipe.csv"))
     assert (workplace / "film.mp4").read_bytes() == disc_file.read_bytes()
 
 
@@ -179,18 +184,10 @@ def test_the_contact_sheet_shows_frames_from_the_first_to_the_last(capfd, workpl
 
 def test_an_interrupt_before_the_first_frame_leaves_nothing(capfd, workplace, disc_file, monkeypatch):
     monkeypatch.setattr(commands_track, "_run", lambda *_: 0)
-    monkeypatch.setattr(commands_track, "_interrupts", lambda: _already())
+    monkeypatch.setattr(commands_track, "_interrupts", lambda: nullcontext([signal.SIGINT]))
     outcome = run_here(capfd, "track", disc_file, "--box", BOX, "--csv", "out.csv", "--output", "out.mp4")
     assert outcome.code == 130
     assert listing(workplace) == []
-
-
-class _already:
-    def __enter__(self):
-        return lambda: True
-
-    def __exit__(self, *_: object) -> None:
-        pass
 
 
 def test_a_video_that_stops_in_the_middle_is_used_and_it_is_said(capfd, workplace):

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
 from pathlib import Path
 
@@ -171,6 +172,15 @@ def test_a_decoder_that_hangs_crashes_or_lies_does_no_harm(tmp_path, monkeypatch
             source.read(index)
     assert str(error.value).startswith(f"{good}: ")
     assert "\n" not in str(error.value)
+
+
+def test_a_decoder_that_hangs_is_closed_at_once(tmp_path, monkeypatch, good):
+    pretend(monkeypatch, tmp_path, OPENED + "time.sleep(1000)")
+    source = open_source(good)
+    closing = threading.Thread(target=source.close, daemon=True)
+    closing.start()
+    closing.join(20.0)
+    assert not closing.is_alive()
 
 
 def test_signs_of_life_keep_a_slow_decoder_going(tmp_path, monkeypatch, good):

@@ -60,6 +60,20 @@ def test_the_last_to_leave_closes_and_the_next_to_come_opens_again(shared, opene
     assert len(opened) == 2
 
 
+def test_who_comes_after_a_failure_gets_a_new_source(shared, opened):
+    with shared.open() as early:
+        early.read(0)
+        opened[0]._decoder._process.kill()
+        with pytest.raises(VideoError, match="crashed"):
+            for index in range(1, 60):
+                early.read(index)
+        with shared.open() as late:
+            assert number_in(late.read(50)) == 50
+            early.close()
+            assert number_in(late.read(20)) == 20 and shared.visitors == 1
+    assert len(opened) == 2 and not any(map(is_running, opened))
+
+
 def test_many_visitors_each_get_what_they_ask_for(shared):
     wrong: list[tuple[int, int]] = []
 

@@ -6,41 +6,20 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from pathlib import Path
 
-import cv2
 import numpy as np
 import pytest
+from hostile_files import SIZE, number_in, numbered, write_video
 
+from pfviz.vision import video as video_module
 from pfviz.vision.decoding import GuardedVideo, open_video
-from pfviz.vision.video import EndOfVideo, VideoError, VideoSource, frames, open_source, suggested_box
-
-SIZE = (64, 48)
-
-
-def numbered(index: int) -> np.ndarray:
-    """A frame that shows its number in eight bright or dark blocks."""
-    frame = np.zeros((SIZE[1], SIZE[0], 3), np.uint8)
-    for bit in range(8):
-        frame[:, 8 * bit : 8 * bit + 8] = 230 if index >> bit & 1 else 20
-    return frame
-
-
-def number_in(frame: np.ndarray) -> int:
-    return sum(int(frame[12:36, 8 * bit + 2 : 8 * bit + 6].mean() > 125) << bit for bit in range(8))
-
-
-def write_video(path, count: int, codec: str = "mp4v") -> str:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25.0, SIZE)
-    for index in range(count):
-        writer.write(numbered(index))
-    writer.release()
-    return str(path)
+from pfviz.vision.limits import Limits
+from pfviz.vision.video import Camera, EndOfVideo, VideoError, VideoSource, frames, open_source, suggested_box
 
 
 @pytest.fixture
 def video(tmp_path) -> Iterator[GuardedVideo]:
-    with open_video(Path(write_video(tmp_path / "numbers.mp4", 120))) as opened:
+    with open_video(write_video(tmp_path / "numbers.mp4", 120)) as opened:
         yield opened
 
 
@@ -164,3 +143,42 @@ for name in [*sorted(map(str, pathlib.Path(sys.argv[1]).iterdir())), "camera:97"
         [sys.executable, "-c", script, str(tmp_path)], capture_output=True, text=True, env=environment
     )
     assert (done.returncode, done.stderr) == (0, "")
+
+
+class Capture:
+    """A camera that shows numbers, 40 of them, and then breaks."""
+
+    def __init__(self) -> None:
+        self.count, self.released = 0, False
+
+    def isOpened(self) -> bool:
+        return True
+
+    def get(self, _: int) -> float:
+        return float("nan")
+
+    def read(self):
+        self.count += 1
+        return self.count <= 40, numbered(self.count - 1)
+
+    def release(self) -> None:
+        self.released = True
+
+
+def test_a_camera_numbers_its_frames_and_keeps_the_recent_ones(monkeypatch):
+    capture = Capture()
+    monkeypatch.setattr(video_module, "_capture", lambda *_: capture)
+    monkeypatch.setattr(video_module, "CACHE_BYTES", 10 * numbered(0).nbytes)
+    with open_source("camera:3", Limits(max_frames=50)) as camera:
+        assert isinstance(camera, Camera) and isinstance(camera, VideoSource)
+        assert (camera.name, camera.size, camera.frame_rate, camera.frame_count) == ("camera:3", SIZE, 30.0, None)
+        assert [number_in(camera.read(i)) for i in (0, 1, 5, 4, 30)] == [0, 1, 5, 4, 30]
+        assert camera.latest == 30
+        assert number_in(camera.read(25)) == 25
+        with pytest.raises(VideoError, match=r"camera:3: frame 3 is no longer kept"):
+            camera.read(3)
+        with pytest.raises(VideoError, match="gives no more frames"):
+            camera.read(45)
+        with pytest.raises(EndOfVideo, match="ends after 50 frames"):
+            camera.read(50)
+    assert capture.released

@@ -60,6 +60,11 @@ class DecoderProcess:
         self._thread.start()
         self._send(task)
 
+    @property
+    def failed(self) -> bool:
+        """Whether the process has ended."""
+        return self._failure is not None
+
     def ask(self, index: int) -> Future[Image]:
         """The frame ``index`` that will come.
 
@@ -116,7 +121,7 @@ class DecoderProcess:
                 self._take(json.loads(line))
             trouble = self._last_words()
         except Exception:  # whatever a decoder that was taken over may send
-            trouble = "the decoder cannot be understood"
+            trouble = self._last_words() if self._late else "the decoder cannot be understood"
         self._process.kill()
         self._answers.close()
         self._fail(f"{self._shown}: {trouble}")
@@ -207,7 +212,7 @@ class GuardedVideo:
         frame_rate: float | None = None,
         cache_bytes: int = CACHE_BYTES,
     ) -> None:
-        self.name = shown.rstrip("/").rsplit("/", 1)[-1]
+        self.name = os.path.basename(shown.rstrip("/" + os.sep)) or shown
         self._limits = limits
         self._cut = False
         self._cache = FrameCache(cache_bytes)
@@ -230,6 +235,11 @@ class GuardedVideo:
         if self._decoder.end is not None:
             return self._decoder.end[0]
         return None if self._announced is None else min(self._announced, self._limits.max_frames)
+
+    @property
+    def failed(self) -> bool:
+        """Whether the decoder has ended and no more frames come."""
+        return self._decoder.failed
 
     @property
     def end_note(self) -> str | None:

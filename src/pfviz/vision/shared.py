@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self
 
 from pfviz.vision.video import Image, Truth, VideoError, VideoSource
@@ -12,20 +14,21 @@ from pfviz.vision.video import Image, Truth, VideoError, VideoSource
 class SharedVideo:
     """Opens a source when the first visitor comes, lends it to all of them, and closes it when the last has left.
 
+    Where the source has failed, who comes next gets a new one.
+
     Args:
         open_source: opens the source; called again when visitors come after all had left.
     """
 
     def __init__(self, open_source: Callable[[], VideoSource]) -> None:
         self._open_source = open_source
-        self._source: VideoSource | None = None
-        self._visitors = 0
+        self._lent: _Lent | None = None
         self._lock = threading.Lock()
 
     @property
     def visitors(self) -> int:
-        """How many handles are open."""
-        return self._visitors
+        """How many handles onto the present source are open."""
+        return self._lent.visitors if self._lent else 0
 
     def open(self) -> VideoSource:
         """A handle onto the source, to be closed by whoever asked for it.
@@ -34,18 +37,25 @@ class SharedVideo:
             VideoError: if the source cannot be opened.
         """
         with self._lock:
-            if self._source is None:
-                self._source = self._open_source()
-            self._visitors += 1
-            return _Handle(self._source, self._leave)
+            if self._lent is None or getattr(self._lent.source, "failed", False):
+                self._lent = _Lent(self._open_source())
+            self._lent.visitors += 1
+            return _Handle(self._lent.source, partial(self._leave, self._lent))
 
-    def _leave(self) -> None:
+    def _leave(self, lent: _Lent) -> None:
         with self._lock:
-            self._visitors -= 1
-            source = None if self._visitors else self._source
-            if source is not None:
-                self._source = None
-                source.close()
+            lent.visitors -= 1
+            if lent.visitors == 0:
+                lent.source.close()
+                self._lent = None if self._lent is lent else self._lent
+
+
+@dataclass(slots=True)
+class _Lent:
+    """A source and how many visitors have a handle onto it."""
+
+    source: VideoSource
+    visitors: int = 0
 
 
 class _Handle:

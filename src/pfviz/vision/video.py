@@ -109,7 +109,7 @@ def open_source(
     """
     name = os.fspath(text)
     if name.startswith("camera:"):
-        return Camera(_camera_number(name))
+        return Camera(_camera_number(name), (limits or Limits()).max_frames)
     if name.startswith("scene:"):
         from pfviz.vision.scenes import make_scene
 
@@ -175,8 +175,8 @@ def _camera_number(name: str) -> int:
 class FrameCache:
     """The most recently used frames, up to a number of bytes. Threads may share it."""
 
-    def __init__(self, limit_bytes: int = CACHE_BYTES) -> None:
-        self._limit = limit_bytes
+    def __init__(self, limit_bytes: int | None = None) -> None:
+        self._limit = CACHE_BYTES if limit_bytes is None else limit_bytes
         self._bytes = 0
         self._frames: OrderedDict[int, Image] = OrderedDict()
         self._lock = threading.Lock()
@@ -236,7 +236,7 @@ def _frame_rate(capture: cv2.VideoCapture) -> float:
 class Camera:
     """A camera. Its frames are numbered as they are read, and only recent ones can be read again.
 
-    Threads may share it.
+    Threads may share it. It ends after ``max_frames``.
 
     Raises:
         VideoError: if the camera cannot be opened or gives no frame.
@@ -244,8 +244,9 @@ class Camera:
 
     frame_count = None
 
-    def __init__(self, number: int) -> None:
+    def __init__(self, number: int, max_frames: int = 1_000_000) -> None:
         self.name = f"camera:{number}"
+        self._max_frames = max_frames
         self._cache = FrameCache()
         self._lock = threading.Lock()
         self._capture = _capture(number, cv2.CAP_ANY)
@@ -265,6 +266,8 @@ class Camera:
         cached = self._cache.get(index)
         if cached is not None:
             return cached
+        if index >= self._max_frames:
+            raise EndOfVideo(f"{self.name}: ends after {self._max_frames} frames (max_frames)")
         with self._lock:
             return self._read_on(index)
 
