@@ -17,6 +17,7 @@ from pfviz_app.commands import Arrange, Command, Keep, Play, Reset, Seek, Set, S
 from pfviz_app.comparison import comparison_html
 from pfviz_app.explanations import explanation, legend
 from pfviz_app.guide import show_guide
+from pfviz_app.laboratory import Laboratory
 from pfviz_app.own_video import OwnVideo
 from pfviz_app.picture import Picture
 from pfviz_app.plots import Plots
@@ -70,6 +71,10 @@ class Controls:
         self._controls(settings, straighten)
         self._text_and_plots()
         self._shortcuts(straighten)
+
+    def close(self) -> None:
+        """The visitor has left."""
+        self._laboratory.close()
 
     def show(self, picture: Picture) -> None:
         """Bring the widgets in line with the session."""
@@ -159,6 +164,8 @@ class Controls:
             self._legend = gui.add_html("")
         plots = gui.add_panel(order=2)
         self._plots = Plots(self._client, plots)
+        with plots.add_tab("Experiment"):
+            self._laboratory = Laboratory(self._client, self._post)
         if self._client.camera.image_width >= _TWO_DOCKS:
             text.dock_left()
             text.set_width(310)

@@ -7,15 +7,18 @@ from copy import copy
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 
 from pfviz.exact import Gaussian, GridDensity, GridMarginal
+from pfviz.filters.registry import Filter
 from pfviz.model import Model
 from pfviz.particles import FloatArray, readonly
 from pfviz.record import StepRecord
 from pfviz.vision.limits import display_name
+from pfviz.vision.presence import AT_START, Presence
+from pfviz.vision.restart import Restarting
 from pfviz.vision.tracker import TrackerModel, TrackEstimate, learn_tracker
 from pfviz.vision.video import EndOfVideo, Image, Truth, VideoSource, open_upload
 from pfviz.worlds import World
@@ -51,6 +54,23 @@ class Film(Protocol):
 
     def error(self, t: int, record: StepRecord) -> float:
         """The distance of the estimate from the truth; NaN where the truth is not known."""
+        ...
+
+    @property
+    def presence(self) -> Presence | None:
+        """Whether the object is there before the first step, where the film knows how to tell."""
+        ...
+
+    def looking(self, filter: Filter) -> Filter:
+        """The filter, made to look for the object where it is lost."""
+        ...
+
+    def given(self, model: Any, presence: Presence | None) -> Any:
+        """The model for the step that follows ``presence``."""
+        ...
+
+    def presence_after(self, model: Any, before: Presence | None, record: StepRecord) -> Presence | None:
+        """Whether the object is there after a step."""
         ...
 
 
@@ -151,22 +171,18 @@ class ToyFilm:
     def error(self, t: int, record: StepRecord) -> float:
         return float(np.linalg.norm(record.estimate - self.truth(t)))
 
+    @property
+    def presence(self) -> None:
+        return None
 
-@dataclass(frozen=True, slots=True)
-class VideoSetup:
-    """A video to track in: how to open it, what to track, from where.
+    def looking(self, filter: Filter) -> Filter:
+        return filter
 
-    Attributes:
-        open: opens the source anew; each visitor reads one of their own.
-        model: learnt from the start frame.
-        start_frame: the frame of time 1.
-        title: of the video, for the screen.
-    """
+    def given(self, model: Any, presence: Presence | None) -> Any:
+        return model
 
-    open: Callable[[], VideoSource]
-    model: TrackerModel
-    start_frame: int
-    title: str
+    def presence_after(self, model: Any, before: Presence | None, record: StepRecord) -> None:
+        return None
 
 
 @dataclass(frozen=True, slots=True)
@@ -193,6 +209,27 @@ class Start:
         (x0, y0), (x1, y1) = self.outline
         box = (min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0))
         return learn_tracker(image, box, frame_rate=source.frame_rate)
+
+
+@dataclass(frozen=True, slots=True)
+class VideoSetup:
+    """A video to track in: how to open it, what to track, from where.
+
+    Attributes:
+        open: opens the source anew; each visitor reads one of their own.
+        model: learnt from the start frame.
+        start_frame: the frame of time 1.
+        title: of the video, for the screen.
+        name: as ``open_source`` takes it; None for what a visitor has sent.
+        start: what is followed; None where the video itself says what.
+    """
+
+    open: Callable[[], VideoSource]
+    model: TrackerModel
+    start_frame: int
+    title: str
+    name: str | None = None
+    start: Start | None = None
 
 
 class VideoFilm:
@@ -240,6 +277,13 @@ class VideoFilm:
         film.chosen_start = start
         return film
 
+    @property
+    def place(self) -> str | None:
+        """The name of the film and of what is followed in it as the experiments know it; None where they do not."""
+        name = self.setup.name
+        known = name is not None and name.startswith("scene:") and not (self.chosen_start or self.setup.start)
+        return name if known else None
+
     def _source_truth(self, t: int) -> Truth | None:
         """Where the source knows its object to be; it knows nothing of what a visitor has chosen."""
         return None if self.chosen_start else self.source.truth(self.frame_index(t))
@@ -281,6 +325,19 @@ class VideoFilm:
             return float("nan")
         estimate = self.setup.model.estimate(record)
         return float(np.hypot(estimate.x - truth[0], estimate.y - truth[1]))
+
+    @property
+    def presence(self) -> Presence:
+        return AT_START
+
+    def looking(self, filter: Filter) -> Filter:
+        return cast(Filter, Restarting(filter))
+
+    def given(self, model: TrackerModel, presence: Presence | None) -> TrackerModel:
+        return model if presence is None else model.given(presence)
+
+    def presence_after(self, model: TrackerModel, before: Presence | None, record: StepRecord) -> Presence | None:
+        return None if before is None else model.presence(before, record)
 
     def close(self) -> None:
         self.source.close()

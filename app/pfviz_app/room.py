@@ -15,6 +15,7 @@ from pfviz.particles import ParticleSet
 from pfviz.randomness import Streams, step_rng
 from pfviz.record import StepRecord, Trace
 from pfviz.resampling import RESAMPLERS
+from pfviz.vision.presence import Presence
 from pfviz_app.films import Film
 
 F = TypeVar("F", bound=Film)
@@ -31,6 +32,7 @@ class Outcome:
         error: distance of the estimate from the truth; NaN where the truth is not known.
         log_evidence: the estimate of log p(y_1:t) so far; NaN from where the filter defines none.
         milliseconds: what the step took, observation included.
+        presence: whether the object is there, where the film knows how to tell.
     """
 
     filter_name: str
@@ -38,6 +40,12 @@ class Outcome:
     error: float
     log_evidence: float
     milliseconds: float
+    presence: Presence | None = None
+
+    @property
+    def lost(self) -> bool:
+        """Whether the object is not where the estimate is."""
+        return self.presence is not None and not self.presence.tracked
 
 
 class Room(Generic[F]):
@@ -53,7 +61,7 @@ class Room(Generic[F]):
 
     def configure(self, filter_name: str, model: Model, n_particles: int) -> None:
         """Use another filter or model from the next step on."""
-        self._filter_name, self._filter = filter_name, make_filter(filter_name, n_particles)
+        self._filter_name, self._filter = filter_name, self.film.looking(make_filter(filter_name, n_particles))
         self._model, self._n_particles = model, n_particles
 
     def step(self) -> StepRecord:
@@ -64,9 +72,12 @@ class Room(Generic[F]):
         """
         t = self.trace.last + 1
         particles = self._resized(self.trace.particles, t)
+        presence = self._outcomes[-1].presence if self._outcomes else self.film.presence
+        model = self.film.given(self._model, presence)
         began = perf_counter()
-        observation = self.film.observe(t, self._model)
-        record = self._filter.step(step_rng(self._seed, t), self._model, particles, observation)
+        observation = self.film.observe(t, model)
+        record = self._filter.step(step_rng(self._seed, t), model, particles, observation)
+        presence = self.film.presence_after(model, presence, record)
         elapsed = 1000.0 * (perf_counter() - began)
         if self.exact is not None:
             self.exact.step(t, self._model, observation)
@@ -74,7 +85,7 @@ class Room(Generic[F]):
         so_far = self._outcomes[-1].log_evidence if self._outcomes else 0.0
         log_evidence = so_far + (np.nan if record.log_evidence is None else record.log_evidence)
         error = self.film.error(t, record)
-        self._outcomes.append(Outcome(self._filter_name, self._model, error, log_evidence, elapsed))
+        self._outcomes.append(Outcome(self._filter_name, self._model, error, log_evidence, elapsed, presence))
         return record
 
     def outcome(self, t: int) -> Outcome:

@@ -22,7 +22,7 @@ from pfviz.vision.video import open_source
 from pfviz.worlds import get_world
 from pfviz_app.commands import Click, Drag, Resize
 from pfviz_app.controls import Controls
-from pfviz_app.films import Point, VideoSetup
+from pfviz_app.films import Point, Start, VideoSetup
 from pfviz_app.picture import Pick, Picture
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
@@ -47,6 +47,11 @@ class Visitor:
         client.camera.on_update(self._resized)
         client.scene.on_click()(self._clicked)
         self.session.start()
+
+    def close(self) -> None:
+        """The visitor has left."""
+        self._controls.close()
+        self.session.close()
 
     def draw(self, picture: Picture) -> None:
         self._stage.draw(picture)
@@ -109,7 +114,7 @@ class App:
         with self._lock:
             visitor = self._visitors.pop(client.client_id, None)
         if visitor is not None:
-            visitor.session.close()
+            visitor.close()
 
     def stop(self) -> None:
         """Close every session and the server."""
@@ -166,7 +171,8 @@ def prepare_video(source: str, box: tuple[float, float, float, float] | None, st
     with open_source(source) as video:
         model = learn_from_start(video, box, start_frame)
         title = f"Video: {video.name}"
-    return VideoSetup(SharedVideo(partial(open_source, source)).open, model, start_frame, title)
+        start = None if box is None else Start(start_frame, ((box[0], box[1]), (box[0] + box[2], box[1] + box[3])))
+    return VideoSetup(SharedVideo(partial(open_source, source)).open, model, start_frame, title, source, start)
 
 
 def _settings(options: argparse.Namespace) -> Settings:

@@ -10,10 +10,11 @@ from collections.abc import Callable
 
 import viser
 
-from pfviz_app.commands import Command, Open
+from pfviz_app.commands import Ask, Command, Open
 from pfviz_app.picture import Picture
-from pfviz_app.settings import command_line
+from pfviz_app.settings import SettingError, command_line
 from pfviz_app.share import Shared, encode
+from pfviz_app.takeaways import TAKEAWAYS
 
 _KEPT = "pfviz-link-"
 _WAITS = (0.2, 0.5, 1.0, 2.0, 4.0)
@@ -41,16 +42,23 @@ class Sharing:
     """The folder with which a visitor keeps what is on screen, or passes it on."""
 
     def __init__(self, client: viser.ClientHandle, post: Callable[[Command], None]) -> None:
+        self._client = client
         self._shared: Shared | None = None
         gui = client.gui
         with gui.add_folder("Keep and share", expand_by_default=False):
             self._code = gui.add_text("Code", "", hint="Brings back exactly this")
             opening = gui.add_button("Open this code")
             self._copies = gui.add_html("")
+            self._what = gui.add_dropdown("Take away", tuple(TAKEAWAYS))
+            taking = gui.add_button("⤓ Download")
 
         @opening.on_click
         async def _(_: object) -> None:
             post(Open(self._code.value))
+
+        @taking.on_click
+        async def _(_: object) -> None:
+            post(Ask(self._take))
 
         threading.Thread(target=_follow_link, args=(client, post), name="pfviz-link", daemon=True).start()
 
@@ -65,6 +73,17 @@ class Sharing:
         copies = (("link", code, True), ("code", code, False), ("command", command, False))
         buttons = "".join(_copy_button(label, text, link) for label, text, link in copies)
         self._copies.content = f'<div style="padding:2px 12px 4px;font-size:12px">Copy {buttons}</div>'
+
+    def _take(self, picture: Picture) -> None:
+        """Send the file that is chosen; runs where the picture may be looked at."""
+        name, make = TAKEAWAYS[self._what.value]
+        waiting = self._client.add_notification("Making it …", name, loading=True, with_close_button=False)
+        try:
+            self._client.send_file_download(name, make(picture))
+        except ValueError as error:
+            raise SettingError(str(error)) from None
+        finally:
+            waiting.remove()
 
 
 def _copy_button(label: str, text: str, link: bool = False) -> str:

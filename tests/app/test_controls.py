@@ -48,9 +48,12 @@ class Docks:
         client = MagicMock()
         client.camera.image_width = width
         client.gui.add_slider.side_effect = self._slider
-        client.gui.add_dropdown.side_effect = lambda label, _, initial_value, **__: self._widget(label, initial_value)
+        client.gui.add_dropdown.side_effect = self._dropdown
         client.gui.add_checkbox.side_effect = lambda label, value, **_: self._widget(label, value)
         self.controls = Controls(client, FEW, self.posted.append, lambda: self.idle, lambda: None)
+
+    def _dropdown(self, label, options, initial_value=None, **_):
+        return self._widget(label, initial_value or options[0])
 
     def _slider(self, label, low=0, high=1, step=1, value=0, **_):
         return self._widget(label, value)

@@ -108,6 +108,8 @@ def _facts(picture: Picture, room: Room[Any], unit: str) -> str:
     ]
     if math.isfinite(outcome.error):
         parts.append(f"error {outcome.error:.2f}{unit}")
+    if outcome.lost:
+        parts.insert(1, "LOST, looking for it")
     if record.condition == "degenerate":
         parts.append("all weights zero: kept as they were")
     return " · ".join(parts)

@@ -1,0 +1,139 @@
+"""The tab in which a visitor runs a small experiment in the background and watches its figure grow."""
+
+from __future__ import annotations
+
+import html
+import tempfile
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import viser
+from numpy.typing import NDArray
+
+from pfviz.experiments import (
+    EXPERIMENTS,
+    KNOBS,
+    Experiment,
+    ExperimentError,
+    LiveExperiment,
+    Progress,
+    Summary,
+    comparison,
+    get_experiment,
+    plain_arms,
+)
+from pfviz.experiments.charts import write_figure
+from pfviz_app.commands import Ask, Command
+from pfviz_app.picture import Picture
+from pfviz_app.settings import ITSELF, NOBODY
+
+_AT_ONCE = 2
+_FREE = threading.BoundedSemaphore(_AT_ONCE)
+_PERIOD = 1.5
+_RUN, _CANCEL = "▶ Run", "■ Cancel"
+_HERE = {f"error against {text}": knob for knob, text in KNOBS.items()}
+_PAPERS = {f"{experiment.title} (small)": name for name, experiment in EXPERIMENTS.items()}
+_OTHERS = ("condensation", "basic-sir", "rb-hs-sir")
+_FACTORS = (0.25, 0.5, 1.0, 2.0, 4.0)
+
+
+class Laboratory:
+    """A visitor's experiments: one at a time, and few at a time of all visitors."""
+
+    def __init__(self, client: viser.ClientHandle, post: Callable[[Command], None]) -> None:
+        self._post = post
+        self._live: LiveExperiment | None = None
+        self._shown_at = 0.0
+        gui = client.gui
+        self._what = gui.add_dropdown("Experiment", (*_HERE, *_PAPERS))
+        self._where = gui.add_dropdown("Where", ("toy", "video"), hint="With the settings that are on now")
+        self._seeds = gui.add_slider("Seeds", 2, 50, 1, 5, hint="How many runs of everything")
+        self._button = gui.add_button(_RUN)
+        self._bar = gui.add_progress_bar(0.0, visible=False, animated=True)
+        self._text = gui.add_html(_framed("Runs in the background, with the settings that are on now."))
+        self._figure = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
+
+        @self._button.on_click
+        async def _(_: object) -> None:
+            if self._live is not None:
+                self._live.cancel()
+            else:
+                self._post(Ask(self._run))
+
+    def close(self) -> None:
+        """End what runs."""
+        if self._live is not None:
+            self._live.cancel()
+
+    def _run(self, picture: Picture) -> None:
+        if not _FREE.acquire(blocking=False):
+            self._say(f"{_AT_ONCE} experiments run already, of other visitors: try again when they are done.")
+            return
+        try:
+            experiment = self._experiment(picture)
+            self._button.label, self._bar.value, self._bar.visible = _CANCEL, 0.0, True
+            self._live = LiveExperiment(experiment, self._seeds.value, self._progressed)
+        except Exception as error:
+            _FREE.release()
+            self._button.label, self._bar.visible = _RUN, False
+            if not isinstance(error, ValueError):
+                raise
+            self._say(str(error))
+
+    def _experiment(self, picture: Picture) -> Experiment:
+        """What is chosen, with the settings on screen where it is not one of the sources'."""
+        if self._what.value in _PAPERS:
+            return get_experiment(_PAPERS[self._what.value])
+        s, knob = picture.settings, _HERE[self._what.value]
+        place, particles = s.world, s.toy_particles
+        if self._where.value == "video":
+            place, particles = picture.tracker.film.place, s.tracker_particles
+        if place is None:
+            raise ExperimentError("The truth about this video is not known: take one of the scenes, or the toy.")
+        rivals = [s.rival] if s.rival not in (NOBODY, ITSELF) else [name for name in _OTHERS if name != s.filter]
+        values = [max(round(particles * factor), 1) for factor in _FACTORS] if knob == "particles" else _FACTORS
+        noises = {name: getattr(s, name) for name in ("system", "observation", "proposal") if name != knob}
+        return comparison(place, plain_arms([s.filter, *rivals], particles), knob, values, **noises)
+
+    def _progressed(self, progress: Progress) -> None:
+        """Called in the experiment's thread."""
+        over = progress.state != "running"
+        now = time.monotonic()
+        if over or now - self._shown_at > _PERIOD:
+            self._shown_at = now
+            self._bar.value = round(100.0 * progress.share)
+            if self._live is not None and progress.rows:
+                self._show(self._live.summary)
+        if over:
+            _FREE.release()
+            self._live = None
+            self._button.label, self._bar.visible = _RUN, False
+            if progress.error:
+                self._say(progress.error)
+
+    def _show(self, summary: Summary) -> None:
+        sentences = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in summary.sentences[:12])
+        self._text.content = _framed(f'<ul style="margin:0;padding-left:16px">{sentences}</ul>')
+        if summary.figures:
+            self._figure.image = _picture_of(summary)
+            self._figure.visible = True
+
+    def _say(self, message: str) -> None:
+        self._text.content = _framed(f"<b>{html.escape(message)}</b>")
+
+
+def _picture_of(summary: Summary) -> NDArray[np.uint8]:
+    """``(h, w, 3)``: the first figure of a summary, as it is drawn for reports."""
+    with tempfile.TemporaryDirectory(prefix="pfviz-") as folder:
+        png = next(path for path in write_figure(summary.figures[0], Path(folder)) if path.suffix == ".png")
+        image: Any = cv2.imread(str(png), cv2.IMREAD_COLOR)
+    return np.ascontiguousarray(image[..., ::-1])
+
+
+def _framed(content: str) -> str:
+    return f'<div style="font-size:12.5px;line-height:1.4;padding:6px 12px 10px">{content}</div>'

@@ -1,0 +1,64 @@
+"""Everything that is offered to be taken along can be taken, or says why not."""
+
+import ast
+import io
+import json
+
+import cv2
+import numpy as np
+import pytest
+from pfviz_app.commands import Keep, Set, Step
+from pfviz_app.settings import Settings
+from pfviz_app.takeaways import TAKEAWAYS
+from stand_ins import Visit
+
+FEW = Settings(toy_particles=12, tracker_particles=15)
+
+
+@pytest.fixture(scope="module")
+def pictures():
+    with Visit(FEW) as visit:
+        alone = visit.do(Step(3))
+        lane = alone.lane.fork(3)
+        yield {"at 3": alone, "branched": visit.do(Keep(), Set("system", 2.0), Step(2)), "lane": lane}
+
+
+@pytest.mark.parametrize("title", [title for title in TAKEAWAYS if title != "Python script, video"])
+@pytest.mark.parametrize("which", ["at 3", "branched"])
+def test_every_file_is_what_its_name_says(pictures, title, which, tmp_path):
+    name, make = TAKEAWAYS[title]
+    content = make(pictures[which])
+    match name.rsplit(".")[-1]:
+        case "png":
+            assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).std() > 5
+        case "svg":
+            assert b"<svg" in content[:1000]
+        case "pdf":
+            assert content.startswith(b"%PDF")
+        case "py":
+            ast.parse(content.decode())
+        case "json":
+            json.loads(content)
+        case "csv":
+            rows = np.genfromtxt(io.BytesIO(content), delimiter=",", names=True, dtype=None, encoding="utf-8")
+            assert set(rows["t"]) == set(range(1, pictures[which].last + 1))
+        case "mp4":
+            path = tmp_path / name
+            path.write_bytes(content)
+            video = cv2.VideoCapture(str(path))
+            assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pictures[which].last
+
+
+def test_what_is_not_there_yet_is_said(pictures):
+    with Visit(FEW) as visit:
+        start = visit.settled()
+        for title, (name, make) in TAKEAWAYS.items():
+            if "script" in title or name.endswith("json"):
+                continue
+            with pytest.raises(ValueError, match="step first"):
+                make(start)
+
+
+def test_a_video_that_was_sent_has_no_script(pictures):
+    with pytest.raises(ValueError, match="not on the server"):
+        TAKEAWAYS["Python script, video"][1](pictures["at 3"])
