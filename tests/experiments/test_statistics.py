@@ -66,3 +66,4 @@ def test_overlapping_intervals_decide_nothing():
     assert order_of(wilson(2, 100), wilson(30, 100)) == "less"
     assert order_of(wilson(30, 100), wilson(2, 100)) == "greater"
     assert order_of(wilson(28, 100), wilson(30, 100)) == "undecided"
+    assert order_of(wilson(30, 100), wilson(28, 100)) == "undecided"
