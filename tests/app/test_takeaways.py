@@ -16,18 +16,17 @@ FEW = Settings(toy_particles=12, tracker_particles=15)
 
 
 @pytest.fixture(scope="module")
-def pictures():
+def picture():
+    """After a branch, so that there are two lanes."""
     with Visit(FEW) as visit:
-        alone = visit.do(Step(3))
-        lane = alone.lane.fork(3)
-        yield {"at 3": alone, "branched": visit.do(Keep(), Set("system", 2.0), Step(2)), "lane": lane}
+        visit.do(Step(3))
+        yield visit.do(Keep(), Set("system", 2.0), Step(2))
 
 
 @pytest.mark.parametrize("title", [title for title in TAKEAWAYS if title != "Python script, video"])
-@pytest.mark.parametrize("which", ["at 3", "branched"])
-def test_every_file_is_what_its_name_says(pictures, title, which, tmp_path):
+def test_every_file_is_what_its_name_says(picture, title, tmp_path):
     name, make = TAKEAWAYS[title]
-    content = make(pictures[which])
+    content = make(picture)
     match name.rsplit(".")[-1]:
         case "png":
             assert cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_COLOR).std() > 5
@@ -41,15 +40,15 @@ def test_every_file_is_what_its_name_says(pictures, title, which, tmp_path):
             json.loads(content)
         case "csv":
             rows = np.genfromtxt(io.BytesIO(content), delimiter=",", names=True, dtype=None, encoding="utf-8")
-            assert set(rows["t"]) == set(range(1, pictures[which].last + 1))
+            assert set(rows["t"]) == set(range(1, picture.last + 1))
         case "mp4":
             path = tmp_path / name
             path.write_bytes(content)
             video = cv2.VideoCapture(str(path))
-            assert video.get(cv2.CAP_PROP_FRAME_COUNT) == pictures[which].last
+            assert video.get(cv2.CAP_PROP_FRAME_COUNT) == picture.last
 
 
-def test_what_is_not_there_yet_is_said(pictures):
+def test_what_is_not_there_yet_is_said():
     with Visit(FEW) as visit:
         start = visit.settled()
         for title, (name, make) in TAKEAWAYS.items():
@@ -59,6 +58,6 @@ def test_what_is_not_there_yet_is_said(pictures):
                 make(start)
 
 
-def test_a_video_that_was_sent_has_no_script(pictures):
+def test_a_video_that_was_sent_has_no_script(picture):
     with pytest.raises(ValueError, match="not on the server"):
-        TAKEAWAYS["Python script, video"][1](pictures["at 3"])
+        TAKEAWAYS["Python script, video"][1](picture)
