@@ -101,8 +101,7 @@ class Toy1d:
     def _line(self, row: str, text: str, colour: Rgb, palette: Palette) -> None:
         """A row's axis, and its name in the colour of what lies on it."""
         y = self._y(row)
-        ends = [[[self._plot.x, y], [self._plot.right, y]]]
-        self._board.segments(f"toy/line/{row}", ends, palette.faint, 1.0, -6.0)
+        self._board.rule(f"toy/line/{row}", self._plot.x, self._plot.right, y, palette.faint, -6.0)
         beside = self._gutter > 40
         self._board.text(
             f"toy/label/{row}",
@@ -259,7 +258,7 @@ class Toy1d:
 
     @property
     def _grid(self) -> FloatArray:
-        return np.linspace(-self._extent, self._extent, 161)
+        return np.linspace(-self._extent, self._extent, 121)
 
     def _curve(self, name: str, heights: FloatArray, row: str, colour: Rgb, reach: float = _CURVE) -> None:
         """A curve of ``heights`` from 0 to 1 that stands on a row."""
