@@ -1,4 +1,5 @@
-"""The command line: ``pfviz serve``, ``toy``, ``track``, ``experiment``, ``worlds``, ``filters``.
+"""The command line: ``pfviz serve``, ``toy``, ``track``, ``experiment``, ``worlds``, ``filters``,
+``models``.
 
 Every error a user can make ends in one line on stderr, ``pfviz: error: ...``, and exit code 2.
 """
@@ -116,7 +117,11 @@ def build_parser() -> argparse.ArgumentParser:
     _add_toy(commands)
     _add_track(commands)
     _add_experiment(commands)
-    for name, what in (("worlds", "the toy worlds"), ("filters", "the filters")):
+    for name, what in (
+        ("worlds", "the toy worlds"),
+        ("filters", "the filters"),
+        ("models", "what `pfviz track` can assume of an object"),
+    ):
         command = commands.add_parser(name, help=f"list {what}")
         command.add_argument("--json", action="store_true", help="as JSON Lines")
     return parser
@@ -163,7 +168,16 @@ def _add_track(commands: Any) -> None:
         "--learn-frame", type=whole_number(0, 10**9), default=None, metavar="F",
         help="the frame that box or polygon are in (default: the start frame); in another one it is looked for",
     )  # fmt: skip
-    track.add_argument("--model", default=None, metavar="NAME", help="the measurement model")
+    for option, what in (
+        ("--model", "what is measured"),
+        ("--shape", "how it changes"),
+        ("--dynamics", "how it moves"),
+    ):
+        track.add_argument(option, default=None, metavar="NAME", help=f"{what}: see `pfviz models`")
+    track.add_argument(
+        "--working-width", type=whole_number(16, 100_000), default=320, metavar="W",
+        help="larger frames are measured at about this width (default: 320)",
+    )  # fmt: skip
     track.add_argument("--no-restart", action="store_true", help="do not look for an object that is lost")
     _add_filter_options(track, 400)
     track.add_argument("--csv", default=None, metavar="OUT.csv", help="one row a frame")
@@ -276,6 +290,12 @@ def _filters(options: argparse.Namespace) -> None:
     list_filters(options.json)
 
 
+def _models(options: argparse.Namespace) -> None:
+    from pfviz_app.listings import list_models
+
+    list_models(options.json)
+
+
 _COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
     "serve": _serve,
     "toy": _toy,
@@ -283,4 +303,5 @@ _COMMANDS: dict[str, Callable[[argparse.Namespace], None]] = {
     "experiment": _experiment,
     "worlds": _worlds,
     "filters": _filters,
+    "models": _models,
 }

@@ -23,10 +23,11 @@ from pfviz.filters import make_filter
 from pfviz.filters.registry import Filter
 from pfviz.vision.drawing import ContactSheet, VideoWriter, draw_track
 from pfviz.vision.limits import Limits, display_name
+from pfviz.vision.options import TrackerOptions
 from pfviz.vision.presence import NOT_YET_FOUND
 from pfviz.vision.restart import Restarting
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track
-from pfviz.vision.tracker import DEFAULT_MODEL, TrackerModel
+from pfviz.vision.tracker import TrackerModel
 from pfviz.vision.video import VideoSource, end_note, open_source
 from pfviz_app.outputs import check_outputs, replacing
 from pfviz_app.progress import Progress
@@ -98,11 +99,19 @@ def _run(
 
 def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:
     """Of the object in the frame to learn from; where that is not the first, it may be anywhere at the start."""
-    name = options.model or DEFAULT_MODEL
-    if options.learn_frame is None or options.learn_frame == options.start_frame:
-        return learn_from_start(source, options.box, options.start_frame, name, options.polygon)
-    model = learn_from_start(source, options.box, options.learn_frame, name, options.polygon, "--learn-frame")
-    return model.given(NOT_YET_FOUND)
+    names = {"model": options.model, "shape": options.shape, "dynamics": options.dynamics}
+    frame = options.start_frame if options.learn_frame is None else options.learn_frame
+    known = frame == options.start_frame
+    model = learn_from_start(
+        source,
+        options.box,
+        frame,
+        polygon=options.polygon,
+        option="--start-frame" if known else "--learn-frame",
+        options=TrackerOptions(working_width=options.working_width),
+        **{key: name for key, name in names.items() if name is not None},
+    )
+    return model if known else model.given(NOT_YET_FOUND)
 
 
 def _filter(options: argparse.Namespace) -> Filter:

@@ -1,4 +1,4 @@
-"""``pfviz worlds`` and ``pfviz filters``: what there is."""
+"""``pfviz worlds``, ``pfviz filters`` and ``pfviz models``: what there is."""
 
 from __future__ import annotations
 
@@ -48,6 +48,26 @@ def _filter_line(row: Mapping[str, Any]) -> str:
     bias = "unbiased" if row["unbiased"] else "biased"
     cost = f"{row['cost']}; assumes {row['assumptions']}"
     return f"{row['filter']:<15} {bias:<9} {cost:<71} {row['summary']} ({row['source']})"
+
+
+def list_models(as_json: bool) -> None:
+    """Print what the tracker can assume of an object, one a line: measurements, shape spaces, dynamics."""
+    from pfviz.vision.motion import DEFAULT_DYNAMICS, DYNAMICS
+    from pfviz.vision.shapes import DEFAULT_SHAPE, SHAPES, STATE_NAMES
+    from pfviz.vision.tracker import DEFAULT_MODEL, MODELS
+
+    shapes = {name: f"{', '.join(STATE_NAMES[:count])} of the outline change" for name, count in SHAPES.items()}
+    tables = (("--model", MODELS, DEFAULT_MODEL), ("--shape", shapes, DEFAULT_SHAPE))
+    rows = (
+        {"option": option, "name": name, "summary": summary, "default": name == default}
+        for option, table, default in (*tables, ("--dynamics", DYNAMICS, DEFAULT_DYNAMICS))
+        for name, summary in table.items()
+    )
+    _print(rows, as_json, _model_line)
+
+
+def _model_line(row: Mapping[str, Any]) -> str:
+    return f"{row['option']:<11} {row['name']:<21} {row['summary']}{' (default)' if row['default'] else ''}"
 
 
 def _print(rows: Iterable[Mapping[str, Any]], as_json: bool, line: Any) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
-from pfviz.vision.tracker import DEFAULT_MODEL, TrackerModel, TrackerOptions, learn_tracker
+from pfviz.vision.tracker import DEFAULT_MODEL, TrackerModel, learn_tracker
 from pfviz.vision.video import Box, EndOfVideo, VideoError, VideoSource, suggested_box
 
 Polygon = Sequence[tuple[float, float]]
@@ -17,7 +18,7 @@ def learn_from_start(
     model: str = DEFAULT_MODEL,
     polygon: Polygon | None = None,
     option: str = "--start-frame",
-    options: TrackerOptions | None = None,
+    **assumed: Any,
 ) -> TrackerModel:
     """The tracker's model of what is in ``box`` or ``polygon`` in ``start_frame``.
 
@@ -30,7 +31,7 @@ def learn_from_start(
         model: the measurement.
         polygon: the outline's corners in pixels, instead of a box.
         option: what the user calls ``start_frame``.
-        options: what else is assumed.
+        assumed: what else ``learn_tracker`` takes: ``options``, ``shape``, ``dynamics``.
 
     Raises:
         VideoError: if there is no such frame, or no box.
@@ -47,7 +48,7 @@ def learn_from_start(
         if box is None:
             where = f"where is the object in frame {start_frame} of {source.name}?"
             raise VideoError(f"--box is missing: {where} Give x,y,w,h (or --polygon)")
-    return learn_tracker(image, box, polygon, frame_rate=source.frame_rate, model=model, options=options)
+    return learn_tracker(image, box, polygon, frame_rate=source.frame_rate, model=model, **assumed)
 
 
 def check_polygon(polygon: Polygon, size: tuple[int, int]) -> None:

@@ -61,7 +61,7 @@ def test_the_app_listens_to_this_machine_only_unless_told(capfd, caught):
     assert [options.host for options in caught] == ["127.0.0.1", "0.0.0.0"]
 
 
-@pytest.mark.parametrize("words", [[], ["serve"], ["toy"], ["track"], ["worlds"], ["filters"]])
+@pytest.mark.parametrize("words", [[], ["serve"], ["toy"], ["track"], ["worlds"], ["filters"], ["models"]])
 def test_help_is_everywhere(capfd, words):
     outcome = run_here(capfd, *words, "--help")
     assert outcome.code == 0

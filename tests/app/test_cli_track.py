@@ -21,6 +21,10 @@ from pfviz_app.outputs import replacing
 from pfviz_app.progress import Progress, duration
 from stand_ins import DISC_BOX, SIZE, centre, disc_frame, listing, message_of, run_here
 
+from pfviz.vision.motion import DYNAMICS
+from pfviz.vision.shapes import SHAPES
+from pfviz.vision.tracker import MODELS
+
 BOX = ",".join(f"{value:g}" for value in DISC_BOX)
 CIRCLE = [(22 + 10 * np.cos(a), 36 + 10 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
 POLYGON = [f"{x:.2f},{y:.2f}" for x, y in CIRCLE]
@@ -105,10 +109,50 @@ def test_an_object_that_is_learnt_from_a_later_frame_is_found_when_it_appears(ca
     assert outcome.err == ""
     lines = [json.loads(line) for line in outcome.out.splitlines()]
     assert [line["frame"] for line in lines] == list(range(40))
-    assert {line["state"] for line in lines[5:20]} == {"lost"}
+    assert {line["state"] for line in lines[:20]} == {"lost"}
     assert {line["state"] for line in lines[30:]} == {"tracked"}
     for line in lines[30:]:
         assert np.hypot(line["x"] - centre(line["frame"])[0], line["y"] - 36.0) < 6.0
+
+
+ASSUMED = [("--model", MODELS), ("--shape", SHAPES), ("--dynamics", DYNAMICS)]
+
+
+@pytest.mark.parametrize(("option", "name"), [(option, name) for option, table in ASSUMED for name in table])
+def test_whatever_is_assumed_the_disc_is_followed(capfd, disc_file, option, name):
+    outcome = run_here(capfd, "track", disc_file, "--box", BOX, "--particles", 200, option, name, "--json")
+    assert (outcome.code, outcome.err) == (0, "")
+    last = json.loads(outcome.out.splitlines()[-1])
+    assert np.hypot(last["x"] - centre(11)[0], last["y"] - 36.0) < 6.0
+    turned_or_scaled = (last["rotation"], last["scale"]) != (0.0, 1.0)
+    assert turned_or_scaled == (name != "translation")
+    assert (last["stretch"] is not None) == (name == "affine")
+
+
+def test_what_can_be_assumed_is_listed(capfd):
+    lines = [json.loads(line) for line in run_here(capfd, "models", "--json").out.splitlines()]
+    assert [(line["option"], line["name"]) for line in lines] == [(o, name) for o, table in ASSUMED for name in table]
+    assert [line["name"] for line in lines if line["default"]] == ["contour+colour", "similarity", "hand-held"]
+    assert len(run_here(capfd, "models").out.splitlines()) == len(lines)
+
+
+@pytest.mark.parametrize(
+    ("option", "wrong", "right"),
+    [("--model", "contours", "contour"), ("--shape", "affin", "affine"), ("--dynamics", "handheld", "hand-held")],
+)
+def test_what_cannot_be_assumed(capfd, disc_file, option, wrong, right):
+    message = message_of(run_here(capfd, "track", disc_file, "--box", BOX, option, wrong))
+    assert option.removeprefix("--") in message and f"'{wrong}': did you mean '{right}'" in message
+
+
+@pytest.mark.parametrize(("width", "scale"), [(320, 1.0), (96, 1.0), (48, 0.5), (24, 0.5)])
+def test_the_working_width(capfd, disc_file, monkeypatch, width, scale):
+    models = []
+    original = commands_track._sinks
+    monkeypatch.setattr(commands_track, "_sinks", lambda *a: [models.append(a[2]), *original(*a)][1:])
+    words = ("track", disc_file, "--box", "0,10,60,60", "--particles", 5, "--working-width", width)
+    assert run_here(capfd, *words).code == 0
+    assert models[0].extractor.working_scale == scale
 
 
 def test_a_learn_frame_past_the_end(capfd, disc_file):

@@ -223,6 +223,12 @@ def test_a_file_beyond_the_limits_is_refused(good, limits, trouble):
         open_source(good, limits)
 
 
+def test_the_pixels_are_counted_before_any_are_decoded(good, monkeypatch):
+    monkeypatch.setattr(decoder.VideoReader, "_grab", lambda _: pytest.fail("a frame was decoded"))
+    with pytest.raises(decoder.Unreadable, match="64 x 48 pixels are too many"):
+        decoder.VideoReader(str(good), 3000)
+
+
 def test_a_video_that_is_too_long_ends_and_says_so(good):
     with open_source(good, Limits(max_frames=10)) as source:
         assert source.frame_count == 10
@@ -299,7 +305,7 @@ def test_what_is_escaped_can_be_told_apart():
     assert display_name("a\nb") == r"a\nb"
     assert display_name("a\x1b[0m\u202eb\u200fc") == r"a\x1b[0m\u202eb\u200fc"
     assert display_name(os.fsdecode(b"caf\xe9")) == r"caf\xe9"
-    assert display_name("x" * 300 + ".mp4").endswith("x.mp4")
+    assert display_name("a" * 300 + "b" * 300 + ".mp4") == "a" * 120 + "…" + "b" * 115 + ".mp4"
 
 
 @posix

@@ -120,9 +120,9 @@ def test_the_other_kinds_of_header(tmp_path):
 
 
 def patched_jpeg() -> bytes:
-    """With fill bytes before a segment, and a segment to be skipped."""
+    """With a fill byte before a segment, and that segment to be skipped."""
     data = cv2.imencode(".jpg", np.zeros((21, 37, 3), np.uint8))[1].tobytes()
-    return data[:2] + b"\xff\xff\xff\xe5\x00\x06\xff\xc0\xff\xc0" + data[2:]
+    return data[:2] + b"\xff\xff\xe5\x00\x06\xff\xc0\xff\xc0" + data[2:]
 
 
 @given(st.binary(max_size=200), st.sampled_from([coded(3, suffix) for suffix in FORMATS]), st.integers(0, 200))

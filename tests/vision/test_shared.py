@@ -152,6 +152,6 @@ def test_the_cache_keeps_the_latest_within_its_bytes():
     assert [index for index in range(25) if index in cache] == [0, *range(16, 25)]
     assert cache.nbytes == 3000
     cache.put(20, np.zeros((10, 10, 3), np.uint8))
-    assert cache.nbytes == 3000
+    assert cache.nbytes == 3000 and 16 in cache
     cache.clear()
     assert cache.nbytes == 0 and 20 not in cache

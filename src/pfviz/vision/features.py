@@ -98,13 +98,13 @@ def _with_margin(image: NDArray[np.uint8], value: int) -> NDArray[np.uint8]:
     return np.asarray(cv2.copyMakeBorder(image, 1, 1, 1, 1, cv2.BORDER_CONSTANT, value=value), dtype=np.uint8)
 
 
-def working_scale(size: tuple[int, int], object_size: float) -> float:
-    """About 320 pixels of width, or as many more as a small object needs to be 24 pixels across.
+def working_scale(size: tuple[int, int], object_size: float, width: int = WORKING_WIDTH) -> float:
+    """About ``width`` pixels of width, or as many more as a small object needs to be 24 pixels across.
 
     It is one over a whole number, so that frames shrink fast and evenly.
     """
-    scale = max(WORKING_WIDTH / size[0], _SMALLEST_OBJECT / object_size)
-    return 1.0 / max(1, round(1.0 / min(scale, max(_LARGEST_WIDTH, WORKING_WIDTH) / size[0])))
+    scale = max(width / size[0], _SMALLEST_OBJECT / object_size)
+    return 1.0 / max(1, round(1.0 / min(scale, max(_LARGEST_WIDTH, width) / size[0])))
 
 
 def working_image(image: Image, scale: float) -> Image:

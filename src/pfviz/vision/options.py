@@ -11,6 +11,8 @@ class TrackerOptions:
     video.
 
     Attributes:
+        working_width: about how many pixels wide the image is that is measured; more where the object is small. Frames
+            that are smaller are measured as they are.
         normals: points of the outline that are measured.
         independent_normals: how many of them count as independent; tempers the contour likelihood.
         independent_pixels: how many of the pixels inside and outside count as independent; tempers the colour
@@ -28,6 +30,7 @@ class TrackerOptions:
         stretch_spring: the part of the stretch drawn back towards zero in 1/30 second.
     """
 
+    working_width: int = 320
     normals: int = 32
     independent_normals: float = 16.0
     independent_pixels: float = 4.0

@@ -16,6 +16,7 @@ from pfviz.record import StepRecord
 from pfviz.vision.blob import BlobDetector, GridProposal
 from pfviz.vision.colour import ColourRatio
 from pfviz.vision.features import (
+    WORKING_WIDTH,
     FeatureExtractor,
     FrameFeatures,
     learn_edge_threshold,
@@ -293,7 +294,7 @@ def learn_tracker(
     contour, centre = learn_contour(image, box, polygon, options.normals)
     start = readonly(np.concatenate([centre, np.zeros(find(SHAPES, shape, "shape") - 2)]))
     motion = _motion(dynamics, MotionScale(size, contour.size, frame_rate, len(start)), start, options)
-    extractor = learn_features(image, contour, start)
+    extractor = learn_features(image, contour, start, options.working_width)
     used = set(model.split("+"))
     extractor = replace(extractor, histograms="histogram" in used, motion="motion" in used)
     tracker = TrackerModel(
@@ -356,10 +357,12 @@ def learn_presence(model: TrackerModel, image: Image) -> PresenceRule:
     return PresenceRule(own, float(np.median(model.log_likelihood(elsewhere, features))))
 
 
-def learn_features(image: Image, contour: Contour, start: FloatArray) -> FeatureExtractor:
+def learn_features(
+    image: Image, contour: Contour, start: FloatArray, working_width: int = WORKING_WIDTH
+) -> FeatureExtractor:
     """What tells the object from its background in one BGR ``image``, where ``contour`` lies at ``start (k,)``."""
     size = (image.shape[1], image.shape[0])
-    scale = working_scale(size, contour.size)
+    scale = working_scale(size, contour.size, working_width)
     working = working_image(image, scale)
     inside, near = _regions(contour, start[:2], scale, working.shape[:2])
     colours = ColourRatio.learn(working, inside, near)
