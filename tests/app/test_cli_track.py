@@ -21,7 +21,9 @@ from pfviz_app.outputs import replacing
 from pfviz_app.progress import Progress, duration
 from stand_ins import DISC_BOX, SIZE, centre, disc_frame, listing, message_of, run_here
 
+from pfviz.filters import FILTERS
 from pfviz.vision.motion import DYNAMICS
+from pfviz.vision.restart import Restarting
 from pfviz.vision.shapes import SHAPES
 from pfviz.vision.tracker import MODELS
 
@@ -315,3 +317,11 @@ def test_progress_without_a_known_end_and_without_a_terminal():
 
 def test_durations():
     assert [duration(s) for s in (0, 7.4, 59.6, 750, 11_100)] == ["0:00", "0:07", "1:00", "12:30", "3:05:00"]
+
+
+@pytest.mark.parametrize("name", FILTERS)
+def test_whatever_is_lost_is_looked_for_unless_it_is_not_wanted(name):
+    words = ["track", "film.mp4", "--filter", name, "--particles", "7"]
+    filter = commands_track._filter(cli.build_parser().parse_args(words))
+    assert isinstance(filter, Restarting)
+    assert commands_track._filter(cli.build_parser().parse_args([*words, "--no-restart"])) == filter.filter
