@@ -44,7 +44,7 @@ def test_a_world_of_ones_own(monkeypatch, capsys):
     printed = run_example("02_a_world_of_your_own.py", monkeypatch, capsys)
     pairs = re.findall(r"particle mean ([+-][\d.]+), exact ([+-][\d.]+)", printed)
     assert len(pairs) == 4
-    assert all(abs(float(mean) - float(exact)) < 0.1 for mean, exact in pairs)
+    assert all(abs(float(mean) - float(exact)) < 0.03 for mean, exact in pairs)
 
 
 def test_figures_for_slides(monkeypatch, capsys, tmp_path):
