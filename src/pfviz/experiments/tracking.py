@@ -22,15 +22,15 @@ from pfviz.particles import FloatArray
 
 EQUAL_TIME_PARTICLES = {
     "condensation": 2000,
-    "basic-sir": 1700,
-    "hs-sir": 1000,
-    "rb-ss-hs-sir": 1000,
-    "innovation-sir": 1000,
-    "icondensation": 900,
-    "auxiliary": 1000,
-    "unscented": 140,
-    "ls-n-ips": 110,
-    "ls-hs-sir": 250,
+    "basic-sir": 1200,
+    "hs-sir": 490,
+    "rb-ss-hs-sir": 500,
+    "innovation-sir": 750,
+    "icondensation": 600,
+    "auxiliary": 960,
+    "unscented": 110,
+    "ls-n-ips": 87,
+    "ls-hs-sir": 75,
 }
 """Particles of equal running time, as `pfviz experiment equal-time` measured them; see docs/results.md."""
 
