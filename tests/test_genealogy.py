@@ -141,3 +141,13 @@ def test_a_particle_without_an_equal_before_has_no_parent():
     record: StepRecord = traced("condensation", [4] * 3)[2]
     trace.append(replace(record, previous=strange))
     assert (parents(trace, 2) == -1).all()
+
+
+def test_where_all_were_started_anew_there_are_no_ancestors():
+    trace = traced("condensation", [4] * 3)
+    record = trace[2]
+    orphans = replace(record.stages[-1], histories=np.full(4, -1))
+    trace.truncate(1)
+    trace.append(replace(record, stages=(*record.stages[:-1], orphans)))
+    assert ancestor_counts(trace, 2, 2).tolist() == [4, 0, 0]
+    assert ancestry(trace, 2, 3) == [(2, 3)]

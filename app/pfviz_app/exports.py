@@ -242,14 +242,25 @@ def trace_csv(room: Room[Any]) -> Iterator[str]:
     yield _row(header)
     for t, record in enumerate(room.trace, start=room.trace.first):
         stage, before = _weighed(record)
-        histories = _histories(record, len(stage.particles))
-        columns = [stage.log_factors.get(name) for name in factors]
-        for i, (state, old, new) in enumerate(
-            zip(stage.particles.innovation, before, stage.particles.weights, strict=True)
-        ):
-            values = ("" if column is None else float(column[i]) for column in columns)
-            state = [*state.tolist(), *[""] * (len(names) - len(state))]
-            yield _row([t, i, " ".join(map(str, histories[i])), *state, float(old), *values, float(new)])
+        count, innovation = len(stage.particles), stage.particles.innovation
+        unknown = [""] * count
+        columns = [
+            [str(t)] * count,
+            map(str, range(count)),
+            (" ".join(map(str, indices)) for indices in _histories(record, count)),
+            *(_numbers(column) for column in innovation.T),
+            *[unknown] * (len(names) - innovation.shape[1]),
+            _numbers(before),
+            *(_numbers(stage.log_factors[name]) if name in stage.log_factors else unknown for name in factors),
+            _numbers(stage.particles.weights),
+        ]
+        for row in zip(*columns, strict=True):
+            yield ",".join(row) + "\n"
+
+
+def _numbers(values: FloatArray) -> Iterator[str]:
+    """Written so that reading them gives them back."""
+    return map(repr, values.tolist())
 
 
 def _weighed(record: StepRecord) -> tuple[Stage, FloatArray]:

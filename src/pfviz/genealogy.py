@@ -106,12 +106,18 @@ def ancestor_counts(trace: Trace, t: int, depth: int) -> IntArray:
 
 
 def _different(particles: ParticleSet, indices: IntArray) -> int:
-    return len({particles.states[index].tobytes() for index in np.unique(indices)})
+    states = particles.states[np.unique(indices)]
+    return len(np.unique(states.reshape(len(states), particles.order * particles.dimension), axis=0))
 
 
 def unique_ancestors(trace: Trace, t: int, depth: int) -> int:
     """How many different ancestors the particles of time ``t`` have ``depth`` steps earlier; see ``ancestor_counts``.
 
     Where fewer steps are recorded, at the oldest time there is.
+
+    Raises:
+        IndexError: if time ``t`` is not recorded.
+        ValueError: if ``depth`` is negative.
     """
-    return int(ancestor_counts(trace, t, depth)[-1])
+    rows = lineages(trace, t, depth)
+    return _different(particles_at(trace, t - len(rows) + 1), rows[-1][rows[-1] >= 0])
