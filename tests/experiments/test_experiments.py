@@ -119,6 +119,17 @@ def test_equality_is_refuted_only_by_a_difference():
     assert tracking.orderings(apart, "error").rows[0][-1] == "does not hold: RB-SS-HS-SIR is better"
 
 
+def test_what_the_error_goes_with_is_said_only_where_it_does():
+    rows = [
+        tracked("RB-SS-HS-SIR", seed, float(scene), place=f"scene:twin:{scene}")
+        | {"ess_share": -scene + 0.1 * seed, "sharpness": float(np.sin(9 * scene))}
+        for scene in range(12)
+        for seed in range(2)
+    ]
+    (said,) = tracking.correlation_sentences(tracking.correlations(rows))
+    assert "error of RB-SS-HS-SIR falls with the ESS share (rank correlation -1.00" in said
+
+
 def test_curves_of_error_and_loss_are_the_papers():
     rows = [tracked("A", 0, 2.0), tracked("A", 1, 4.0), tracked("A", 2, 0.0, lost=1.0)]
     error, loss = tracking.error_curve("A", rows), tracking.loss_curve("A", rows)

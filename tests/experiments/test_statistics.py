@@ -12,6 +12,7 @@ from pfviz.experiments.statistics import (
     mean_of,
     order_of,
     paired_difference,
+    rank_correlation,
     sign_of,
     wilson,
 )
@@ -67,3 +68,21 @@ def test_overlapping_intervals_decide_nothing():
     assert order_of(wilson(30, 100), wilson(2, 100)) == "greater"
     assert order_of(wilson(28, 100), wilson(30, 100)) == "undecided"
     assert order_of(wilson(30, 100), wilson(28, 100)) == "undecided"
+
+
+def test_rank_correlation_agrees_with_scipy_ties_included():
+    rng = np.random.default_rng(2)
+    first = rng.integers(0, 6, 40).astype(float)
+    second = first + rng.integers(0, 8, 40)
+    ours = rank_correlation(first, second)
+    assert ours.value == pytest.approx(stats.spearmanr(first, second).statistic)
+    assert -1.0 < ours.low < ours.value < ours.high < 1.0
+    assert rank_correlation([1.0, 2.0], [1.0, 1.0]).high == 1.0
+
+
+def test_the_interval_of_a_rank_correlation_holds_zero_in_95_of_100_cases_without_one():
+    rng = np.random.default_rng(3)
+    trials = 1000
+    held = sum(e.low < 0.0 < e.high for e in (rank_correlation(*rng.random((2, 12))) for _ in range(trials)))
+    assert held / trials > 0.95 - 4 * np.sqrt(0.95 * 0.05 / trials)
+    assert held < trials

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+
+from pfviz.particles import FloatArray
 
 Z_95 = 1.959964
 """Standard deviations either side of the mean of a Gaussian that hold 95 % of it."""
@@ -76,6 +78,25 @@ def paired_difference(
     """The mean of ``first[k] - second[k]`` over the runs k in which both were measured."""
     pairs = [(value, second.get(key)) for key, value in first.items()]
     return mean_of([a - b for a, b in pairs if a is not None and b is not None], confidence)
+
+
+def rank_correlation(first: Sequence[float], second: Sequence[float], z: float = Z_95) -> Estimate:
+    """Spearman's rank correlation of pairs, with Fisher's interval (Bonett & Wright 2000); open for fewer than four."""
+    ranks = [_ranks(np.asarray(values, dtype=float)) for values in (first, second)]
+    count = len(ranks[0])
+    if count < 2 or min(values.std() for values in ranks) == 0.0:
+        return Estimate(float("nan"), -1.0, 1.0, count)
+    value = float(np.corrcoef(ranks[0], ranks[1])[0, 1])
+    if count < 4:
+        return Estimate(value, -1.0, 1.0, count)
+    middle, half = np.arctanh(np.clip(value, -0.9999, 0.9999)), z * np.sqrt((1.0 + value**2 / 2.0) / (count - 3))
+    return Estimate(value, float(np.tanh(middle - half)), float(np.tanh(middle + half)), count)
+
+
+def _ranks(values: FloatArray) -> FloatArray:
+    """Ranks from 1; equal values have the mean of theirs."""
+    _, place, counts = np.unique(values, return_inverse=True, return_counts=True)
+    return (np.cumsum(counts) - 0.5 * (counts - 1))[place]
 
 
 def sign_of(difference: Estimate) -> Order:

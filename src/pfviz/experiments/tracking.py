@@ -14,7 +14,7 @@ import numpy as np
 
 from pfviz.experiments.cells import Arm, difference, grouped, mean, plain_mean, run_cells, time_table
 from pfviz.experiments.experiment import Experiment, Job, Row, blocks
-from pfviz.experiments.statistics import Estimate, mean_of, sign_of, wilson
+from pfviz.experiments.statistics import FEWEST, Estimate, mean_of, rank_correlation, sign_of, wilson
 from pfviz.experiments.summary import Cell, Curve, CurveFigure, CurvePanel, Summary, Table
 from pfviz.experiments.trackers import LOST
 from pfviz.filters import FILTERS
@@ -40,6 +40,14 @@ PLACES = tuple(
     for seed in (1, 2)
 )
 _IN_THE_SOURCES = ("CONDENSATION(3)", "CONDENSATION(5)", "CONDENSATION(10)", "Basic-SIR", "RB-SS-HS-SIR")
+
+
+_EXPLAINING = {
+    "ess_share": "the ESS share",
+    "proposal_spread": "the spread of the proposed particles",
+    "near_share": "the share of them near the object",
+    "sharpness": "the sharpness of the likelihood",
+}
 
 
 def arms(names: Sequence[str] = tuple(EQUAL_TIME_PARTICLES), share: float = 1.0) -> tuple[Arm, ...]:
@@ -115,6 +123,36 @@ def explanations(rows: Sequence[Row]) -> Table:
     columns = ("filter", "particles", "ESS", "ESS share", "spread of the proposed (px)", "of them within 10 px")
     columns += ("sharpness of the likelihood", "spread of the posterior (px)")
     return Table("explanations", "What may explain it", columns, tuple(cells))
+
+
+def correlations(rows: Sequence[Row]) -> Table:
+    """How the error of a filter (lost frames counting 50 px) goes with what it did, over the scenes."""
+    cells: list[tuple[Cell, ...]] = []
+    for (label,), members in grouped(rows, "label").items():
+        for name, words in _EXPLAINING.items():
+            means = [
+                (plain_mean(same, "capped"), plain_mean(same, name)) for same in grouped(members, "place").values()
+            ]
+            pairs = [(error, value) for error, value in means if error is not None and value is not None]
+            related = rank_correlation([error for error, _ in pairs], [value for _, value in pairs])
+            if np.isfinite(related.value):
+                cells.append((label, words, related.value, related.low, related.high, related.count))
+    columns = ("filter", "error against", "rank correlation", "low", "high", "scenes")
+    return Table("correlations", "What the error goes with, scene by scene", columns, tuple(cells), shown=False)
+
+
+def correlation_sentences(table: Table) -> list[str]:
+    """The correlations that an interval tells from zero, of the sources' filters."""
+    sentences = []
+    for label, words, value, low, high, count in table.rows:
+        assert isinstance(value, float) and isinstance(low, float) and isinstance(high, float)
+        assert isinstance(count, int)
+        if label in _IN_THE_SOURCES and count >= FEWEST and not low <= 0.0 <= high:
+            sentences.append(
+                f"Over {count} scenes the error of {label} {'rises' if value > 0 else 'falls'} with {words} "
+                f"(rank correlation {value:.2f} [{low:.2f}, {high:.2f}])."
+            )
+    return sentences
 
 
 def by_place(rows: Sequence[Row], measure: str, title: str) -> Table:
@@ -211,10 +249,12 @@ def summarise_error(rows: Sequence[Row]) -> Summary:
         claims,
         why,
         by_place(rows, "error", "Error (px) by scene"),
+        related := correlations(rows),
         time_table(rows, "label", "particles"),
     ]
     tables += map(curve_table, figures[:1])
-    return Summary(tables, figures, [_runs(rows), *claim_sentences(claims, "tracking error"), *why_sentences(rows)])
+    said = [*claim_sentences(claims, "tracking error"), *why_sentences(rows), *correlation_sentences(related)]
+    return Summary(tables, figures, [_runs(rows), *said])
 
 
 def summarise_loss(rows: Sequence[Row]) -> Summary:
