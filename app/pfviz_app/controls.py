@@ -179,13 +179,20 @@ class Controls:
         gui.main_panel.dock_right()
         gui.main_panel.set_width(330)
         self._moves()
+        phone = self._client.camera.image_width < PHONE
+        self._add(CONTROLS["filter"], settings)
+        with gui.add_folder("More", expand_by_default=False) if phone else nullcontext():
+            self._choices(settings, phone)
+
+    def _choices(self, settings: Settings, phone: bool) -> None:
+        """All that is not needed all the time; on a phone it is folded away."""
+        gui = self._client.gui
         self._situation = gui.add_dropdown(
             "Situation", (_NO_SITUATION, *_SITUATIONS), initial_value=_NO_SITUATION, hint="Each with what to look for"
         )
         self._wishing(self._situation, lambda title: Arrange(_SITUATIONS[title]) if title in _SITUATIONS else Reset())
-        phone = self._client.camera.image_width < PHONE
         for group in GROUPS:
-            members = [control for control in CONTROLS.values() if control.group == group]
+            members = [control for control in CONTROLS.values() if control.group == group and control.field != "filter"]
             folder = gui.add_folder(group, expand_by_default=group == "Tune" and not phone) if group else nullcontext()
             with folder:
                 for control in members:

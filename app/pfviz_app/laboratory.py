@@ -55,8 +55,8 @@ class Laboratory:
         self._seeds = gui.add_slider("Seeds", 2, 50, 1, 5, hint="How many runs of everything")
         self._button = gui.add_button(_RUN)
         self._bar = gui.add_progress_bar(0.0, visible=False, animated=True)
-        self._text = gui.add_html(_framed("Runs in the background, with the settings that are on now."))
         self._figure = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
+        self._text = gui.add_html(_framed("Runs in the background, with the settings that are on now."))
 
         @self._button.on_click
         async def _(_: object) -> None:

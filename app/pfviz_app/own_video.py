@@ -27,11 +27,15 @@ class OwnVideo:
         guard_uploads(client, UPLOAD_BYTES)
         with gui.add_folder("Your own video", expand_by_default=False):
             most = f"A video or an image of at most {UPLOAD_BYTES // 2**20} MB"
-            self._upload = gui.add_upload_button("⤒ Upload a video", hint=most)
+            self._upload = gui.add_upload_button("⤒ Upload a video", color="gray", hint=most)
             self._upload.on_upload(self._uploaded)
-            self._select = gui.add_button(_SELECT, hint="Follow what is in a rectangle. Or hold Shift and drag")
+            self._select = gui.add_button(
+                _SELECT, color="gray", hint="Follow what is in a rectangle. Or hold Shift and drag"
+            )
             self._select.on_click(self._begin_selecting)
-            self._outline = gui.add_button(_OUTLINE, hint="Follow what is inside an outline, corner by corner")
+            self._outline = gui.add_button(
+                _OUTLINE, color="gray", hint="Follow what is inside an outline, corner by corner"
+            )
             self._outline.on_click(self._toggle_outline)
         self._selecting = False
         client.scene.on_rect_select(modifier="shift")(self._selected)

@@ -54,7 +54,7 @@ class Plots:
         self._drawn_at = 0.0
         tabs: tuple[tuple[str, tuple[tuple[str, Drawing], ...]], ...] = (
             (
-                "Over time",
+                "Time",
                 (("effective sample size, % of N", _sizes), ("error: toy (left), video in px (right)", _errors)),
             ),
             ("Evidence", (("log-evidence, toy", _toy_evidence), ("log-evidence, video", _video_evidence))),

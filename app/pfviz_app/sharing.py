@@ -47,10 +47,10 @@ class Sharing:
         gui = client.gui
         with gui.add_folder("Keep and share", expand_by_default=False):
             self._code = gui.add_text("Code", "", hint="Brings back exactly this")
-            opening = gui.add_button("Open this code")
+            opening = gui.add_button("Open this code", color="gray")
             self._copies = gui.add_html("")
             self._what = gui.add_dropdown("Take away", tuple(TAKEAWAYS))
-            taking = gui.add_button("⤓ Download")
+            taking = gui.add_button("⤓ Download", color="gray")
 
         @opening.on_click
         async def _(_: object) -> None:
@@ -79,7 +79,7 @@ class Sharing:
         name, make = TAKEAWAYS[self._what.value]
         waiting = self._client.add_notification("Making it …", name, loading=True, with_close_button=False)
         try:
-            self._client.send_file_download(name, make(picture))
+            self._client.send_file_download(name, make(picture), save_immediately=True)
         except ValueError as error:
             raise SettingError(str(error)) from None
         finally:

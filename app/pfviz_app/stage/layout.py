@@ -10,7 +10,7 @@ from pfviz_app.settings import Pane
 RoomName = Literal["toy", "tracker"]
 PHONE = 600
 """A window narrower than this many pixels gets viser's sheet of controls at the bottom."""
-_SHEET = 434
+_SHEET = 372
 _MARGIN = 18
 _GAP = 26
 

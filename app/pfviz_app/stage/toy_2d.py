@@ -89,6 +89,7 @@ class Toy2d:
         corners = extent * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
         placed = self._at(corners, floor)
         self._board.polyline(f"toy/floor/{floor}", placed, palette.faint, 1.2, -4.0, closed=True)
+        text = fitted(text, 12.5, self._plot.width)
         self._board.text(f"toy/label/{floor}", text, placed[3, 0], placed[3, 1] - 9, colour)
 
     def _before(self, particles: ParticleSet, strengths: FloatArray, extent: float, palette: Palette) -> None:
