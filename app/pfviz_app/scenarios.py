@@ -74,7 +74,7 @@ _ALL = (
         "wrong-noise",
         "Too little noise believed",
         "The target moves three times as wildly as the filters believe: CONDENSATION lags behind at every turn, "
-        "RB-HS-SIR has particles where the detector points. Noise taken for too large would harm neither.",
+        "RB-HS-SIR has particles where the detector points. Noise taken for too large costs both alike.",
         _toy("wrong-noise", "condensation", "rb-hs-sir", 30, seed=5),
         t=20,
     ),
