@@ -2,11 +2,13 @@
 
 The video is the synthetic scene `twin`, as it is (240 x 180) and enlarged to 640 x 480, written to a file and decoded
 from it. Real clips are added where the environment variable PFVIZ_CLIPS names a folder with `NAME/video.mp4` and
-`NAME/truth.csv` (columns frame, x, y, w, h: the box).
+`NAME/truth.csv` (columns frame, x, y, w, h: the box). With --cpu the first table counts the processor time of this
+process instead of the time that passes, for a machine that is busy otherwise.
 """
 
 from __future__ import annotations
 
+import argparse
 import csv
 import os
 import tempfile
@@ -34,6 +36,7 @@ FILTER = "rb-ss-hs-sir"
 SIZES = ((240, 180), (640, 480))
 COUNTS = (400, 2000, 10_000)
 ROUNDS = 120
+Clock = Callable[[], float]
 PARTS: dict[str, tuple[tuple[Any, str], ...]] = {
     "features": ((TrackerModel, "observe"),),
     "proposal": ((BlobDetector, "detect"),),
@@ -62,16 +65,16 @@ def start_box(size: tuple[int, int]) -> Box:
 
 
 @contextmanager
-def timed(owner: Any, name: str, spent: list[float]) -> Iterator[None]:
+def timed(owner: Any, name: str, spent: list[float], clock: Clock) -> Iterator[None]:
     """Add the seconds that each call of ``owner.name`` takes to the last of ``spent``."""
     original = getattr(owner, name)
 
     def call(*arguments: Any, **options: Any) -> Any:
-        began = time.perf_counter()
+        began = clock()
         try:
             return original(*arguments, **options)
         finally:
-            spent[-1] += time.perf_counter() - began
+            spent[-1] += clock() - began
 
     setattr(owner, name, call)
     try:
@@ -80,22 +83,24 @@ def timed(owner: Any, name: str, spent: list[float]) -> Iterator[None]:
         setattr(owner, name, original)
 
 
-def parts_of(path: Path, box: Box, n: int, rounds: int) -> dict[str, float]:
+def parts_of(path: Path, box: Box, n: int, rounds: int, clock: Clock) -> dict[str, float]:
     """Median milliseconds a frame of every part, of the whole without drawing, and of drawing."""
     spent: dict[str, list[float]] = {name: [0.0] for name in PARTS}
     totals, waits, drawings = [], [], []
     with open_source(path) as source, ExitStack() as stack:
         model = learn_tracker(source.read(0), box, frame_rate=source.frame_rate)
-        stack.enter_context(timed(source, "read", waits))
+        stack.enter_context(timed(source, "read", waits, clock))
         for name, calls in PARTS.items():
             for owner, function in calls:
-                stack.enter_context(timed(owner, function, spent[name]))
+                stack.enter_context(timed(owner, function, spent[name], clock))
         waits.append(0.0)
+        began = clock()
         for item in track(source, model, make_filter(FILTER, n)):
-            began = time.perf_counter()
+            totals.append(clock() - began)
+            began = clock()
             draw_track(item.image, model, item.record, item.estimate)
-            drawings.append(time.perf_counter() - began)
-            totals.append(item.milliseconds / 1e3 + waits[-1])
+            drawings.append(clock() - began)
+            began = clock()
             for times in (*spent.values(), waits):
                 times.append(0.0)
             if len(totals) == rounds:
@@ -107,18 +112,19 @@ def parts_of(path: Path, box: Box, n: int, rounds: int) -> dict[str, float]:
     return ms
 
 
-def show_parts(films: dict[tuple[int, int], Path]) -> None:
+def show_parts(films: dict[tuple[int, int], Path], clock: Clock) -> None:
     names = ("decode", *PARTS)
     rows = []
     for size, path in films.items():
         for n in COUNTS:
-            ms = parts_of(path, start_box(size), n, ROUNDS if n < 10_000 else 40)
+            ms = parts_of(path, start_box(size), n, ROUNDS if n < 10_000 else 30, clock)
             rest = ms["whole"] - sum(ms[name] for name in names)
             cells = [f"{ms[name]:.2f}" for name in names] + [f"{rest:.2f}", f"{ms['whole']:.2f}"]
             rate = f"**{1e3 / ms['whole']:.0f}**"
             rows.append([f"{size[0]} x {size[1]}, N = {n}", *cells, rate, f"{ms['drawing']:.2f}"])
     columns = ["milliseconds a frame", *names, "rest", "whole", "frames/s", "drawing, not included"]
-    print_table(f"`{FILTER}` on video from a file: where the time goes (medians)", columns, rows)
+    kind = "time" if clock is time.perf_counter else "processor time"
+    print_table(f"`{FILTER}` on video from a file: where the {kind} goes (medians)", columns, rows)
 
 
 def decode_rate(path: Path) -> float:
@@ -251,11 +257,14 @@ def show_clips() -> None:
 
 
 def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--cpu", action="store_true", help="processor time instead of the time that passes")
+    clock = time.process_time if parser.parse_args().cpu else time.perf_counter
     kernels.warm_up()
     print(machine())
     with tempfile.TemporaryDirectory() as folder:
         films = {size: write_scene(Path(folder), size) for size in SIZES}
-        show_parts(films)
+        show_parts(films, clock)
         rates = ", ".join(f"{decode_rate(path):.0f} at {w} x {h}" for (w, h), path in films.items())
         print(f"\nDecoding alone, in its own process, gives {rates} frames/s.")
     show_contest()
