@@ -11,6 +11,7 @@ from small_experiments import ONE_CELL, PLACE, run_here, small
 from pfviz.experiments import equal_time, noise_robustness, real_clips, recovery, regime_map, tracking, unbiasedness
 from pfviz.experiments.experiment import ExperimentError, Row
 from pfviz.experiments.registry import EXPERIMENTS, get_experiment
+from pfviz.experiments.small import get_small_experiment
 from pfviz.experiments.summary import Summary, Table
 
 SEEDS = {"recovery": 1, "noise-robustness": 1, "unbiasedness": 3}
@@ -321,3 +322,17 @@ def test_a_clip_is_tracked_against_its_truth(monkeypatch, tmp_path):
 
 def test_the_map_needs_no_more_than_its_cells():
     assert len(regime_map.jobs(1, ONE_CELL, ONE_CELL, [PLACE], (25,), (50,))) == (3 + 2) + (3 + 1)
+
+
+def test_every_experiment_has_a_small_version(monkeypatch, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "truth.csv").touch()
+        (tmp_path / name / "video.mp4").touch()
+    monkeypatch.setenv("PFVIZ_CLIPS", str(tmp_path))
+    for name, experiment in EXPERIMENTS.items():
+        little = get_small_experiment(name)
+        jobs, full = little.jobs(little.seeds), experiment.jobs(experiment.seeds)
+        assert 0 < sum(len(job.seeds) for job in jobs) < 0.3 * sum(len(job.seeds) for job in full)
+        assert little.run is experiment.run
+        assert "in small" in little.title

@@ -8,6 +8,7 @@ from pfviz.experiments.registry import EXPERIMENTS, get_experiment
 from pfviz.experiments.report import write_report
 from pfviz.experiments.results import Results
 from pfviz.experiments.runner import collect
+from pfviz.experiments.small import get_small_experiment
 from pfviz.experiments.summary import Summary, Table
 from pfviz.experiments.workers import cluster, local_workers
 
@@ -28,6 +29,7 @@ __all__ = [
     "collect",
     "comparison",
     "get_experiment",
+    "get_small_experiment",
     "local_workers",
     "plain_arms",
     "write_report",
