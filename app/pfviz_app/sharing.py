@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import html
+import json
 import secrets
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import asdict
 
 import viser
 
 from pfviz_app.commands import Ask, Command, Open
+from pfviz_app.exports import toy_script
 from pfviz_app.picture import Picture
 from pfviz_app.settings import SettingError, command_line
 from pfviz_app.share import Shared, encode
@@ -33,7 +36,7 @@ _COPY = """<button type="button" data-text="{text}" data-link="{link}" style="{s
   const label = this.textContent; this.textContent = 'copied'; setTimeout(() => this.textContent = label, 900);
 ">{label}</button>"""
 _BUTTON = (
-    "font:inherit;font-size:12px;padding:3px 9px;margin:0 5px 5px 0;border-radius:5px;cursor:pointer;"
+    "font:inherit;font-size:12px;padding:2px 7px;margin:0 3px 5px 0;border-radius:5px;cursor:pointer;"
     "border:1px solid #8886;background:transparent;color:inherit"
 )
 
@@ -69,8 +72,12 @@ class Sharing:
         self._shared = picture.shared
         code = encode(self._shared)
         self._code.value = code
+        log = picture.lane.log[: picture.t] or (picture.settings,)
+        script = toy_script(log, picture.toy.film.held, picture.lane.plain)
+        values = json.dumps(asdict(picture.settings) | {"t": picture.t}, indent=1)
         command = command_line(picture.settings, picture.t)
-        copies = (("link", code, True), ("code", code, False), ("command", command, False))
+        texts = {"code": code, "command": command, "script": script, "JSON": values}
+        copies = (("link", code, True), *((label, text, False) for label, text in texts.items()))
         buttons = "".join(_copy_button(label, text, link) for label, text, link in copies)
         self._copies.content = f'<div style="padding:2px 12px 4px;font-size:12px">Copy {buttons}</div>'
 

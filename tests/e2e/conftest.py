@@ -133,10 +133,10 @@ def pytest_runtest_makereport(item: pytest.Item, call: pytest.CallInfo[None]) ->
     return report
 
 
-def enter(browser: Browser, app: App, width: int, height: int) -> Visitor:
+def enter(browser: Browser, app: App, width: int, height: int, query: str = "") -> Visitor:
     context = browser.new_context(viewport={"width": width, "height": height})
     context.set_default_timeout(PATIENCE)
-    visitor = Visitor(context, app.url, len(_present))
+    visitor = Visitor(context, app.url + query, len(_present))
     _present.append(visitor)
     return visitor
 
@@ -151,8 +151,8 @@ def visit(browser: Browser) -> Iterator[Callable[..., Visitor]]:
     """Opens apps in windows of their own and waits for the picture. In the end no page may have shown an error."""
     visitors: list[Visitor] = []
 
-    def open_window(app: App, width: int = 1400, height: int = 850) -> Visitor:
-        visitors.append(enter(browser, app, width, height))
+    def open_window(app: App, width: int = 1400, height: int = 850, query: str = "") -> Visitor:
+        visitors.append(enter(browser, app, width, height, query))
         visitors[-1].arrive()
         return visitors[-1]
 

@@ -140,7 +140,7 @@ def test_sliders_dragged_wildly_while_it_plays(visitor):
 
 def test_numbers_typed_wildly(visitor):
     steps(visitor, 1)
-    visitor.open("More")
+    visitor.open("Look")
     for control in SLIDERS:
         for text in (control.low, control.high if "particles" not in control.field else 70, "", "-", "1e", control.low):
             visitor.type(control.label, text)

@@ -130,7 +130,7 @@ def test_panes(visitor):
 
 def test_what_is_to_be_shown_and_in_which_colours(visitor):
     step(visitor)
-    visitor.open("More")
+    visitor.open("Look")
     visitor.page.get_by_label("Show the truth", exact=True).click()
     visitor.sees_no("toy.truth", "tracker.close.truth")
     visitor.page.get_by_label("Show the exact posterior", exact=True).click()

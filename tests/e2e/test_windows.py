@@ -43,6 +43,16 @@ def assert_nothing_is_hidden(visitor):
     assert not faults
 
 
+def choose(visitor, size, options):
+    """On a phone most choices are folded away."""
+    if size == WINDOWS["phone"]:
+        visitor.open("More")
+    for label, option in options.items():
+        visitor.choose(label, option)
+    if size == WINDOWS["phone"]:
+        visitor.open("More")
+
+
 @pytest.mark.parametrize("size", WINDOWS.values(), ids=WINDOWS)
 def test_all_that_is_drawn_can_be_seen(app, visit, size):
     visitor = visit(app, *size)
@@ -51,12 +61,11 @@ def test_all_that_is_drawn_can_be_seen(app, visit, size):
     step(visitor)
     visitor.sees("toy.made")
     assert_nothing_is_hidden(visitor)
-    visitor.choose("Show", "the video")
+    choose(visitor, size, {"Show": "the video"})
     visitor.sees_no("toy.")
     visitor.sees("tracker.close")
     assert_nothing_is_hidden(visitor)
-    visitor.choose("Show", "the toy")
-    visitor.choose("Toy world", WORLDS["plane"].title)
+    choose(visitor, size, {"Show": "the toy", "Toy world": WORLDS["plane"].title})
     visitor.at(0)
     step(visitor)
     visitor.sees("toy.floor.after")
