@@ -28,7 +28,7 @@ from pfviz.vision.presence import NOT_YET_FOUND
 from pfviz.vision.restart import Restarting
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track
 from pfviz.vision.tracker import TrackerModel
-from pfviz.vision.video import VideoSource, end_note, open_source
+from pfviz.vision.video import VideoError, VideoSource, end_note, open_source
 from pfviz_app.outputs import check_outputs, replacing
 from pfviz_app.progress import Progress
 from pfviz_app.start_box import learn_from_start
@@ -42,7 +42,7 @@ def run_track(options: argparse.Namespace) -> None:
     """Run the command.
 
     Raises:
-        ValueError: for whatever the user got wrong.
+        ValueError: for whatever the user got wrong, and where the video breaks; the frames before are kept.
         SystemExit: with code 130, if it was interrupted; what was done until then is kept.
     """
     outputs = {"--csv": options.csv, "--output": options.output, "--contact-sheet": options.contact_sheet}
@@ -53,13 +53,16 @@ def run_track(options: argparse.Namespace) -> None:
         model = _model(source, options)
         sinks = list(_sinks(stack, options, model, source))
         interrupts = stack.enter_context(_interrupts())
-        count = _run(source, model, options, sinks, interrupts)
+        count, trouble = _run(source, model, options, sinks, interrupts)
         if interrupts and not count:
             raise KeyboardInterrupt
         note = end_note(source)
+    names = ", ".join(display_name(name) for name in outputs.values() if name)
+    kept = f"; they are kept in {names}" if names else ""
+    if trouble:
+        raise VideoError(f"{trouble}, after {count} frames{kept}")
     if interrupts:
-        kept = ", ".join(display_name(name) for name in outputs.values() if name)
-        _say(f"interrupted after {count} frames{f'; they are kept in {kept}' if kept else ''}")
+        _say(f"interrupted after {count} frames{kept}")
         raise SystemExit(128 + interrupts[0])
     if note:
         _say(f"{display_name(options.source)} ended early, after {source.frame_count} frames: {note}")
@@ -82,19 +85,31 @@ def _run(
     options: argparse.Namespace,
     sinks: list[Sink],
     interrupts: list[int],
-) -> int:
-    """Track until the video ends or somebody interrupts; how many frames that were."""
+) -> tuple[int, VideoError | None]:
+    """Track until the video ends or breaks, or somebody interrupts.
+
+    Returns:
+        How many frames that were, and what was wrong with the video after them.
+
+    Raises:
+        VideoError: if there was not even one frame.
+    """
     progress = Progress(lambda: source.frame_count and max(source.frame_count - options.start_frame, 0))
-    count = 0
-    for tracked in track(source, model, _filter(options), options.seed, options.start_frame):
-        for sink in sinks:
-            sink(tracked)
-        count += 1
-        progress.show(count)
-        if interrupts:
-            break
+    count, trouble = 0, None
+    try:
+        for tracked in track(source, model, _filter(options), options.seed, options.start_frame):
+            for sink in sinks:
+                sink(tracked)
+            count += 1
+            progress.show(count)
+            if interrupts:
+                break
+    except VideoError as error:
+        if count == 0:
+            raise
+        trouble = error
     progress.close(count)
-    return count
+    return count, trouble
 
 
 def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:

@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 from pfviz_app import cli, commands_track
 from pfviz_app.outputs import replacing
 from pfviz_app.progress import Progress, duration
-from stand_ins import DISC_BOX, SIZE, centre, disc_frame, listing, message_of, run_here
+from stand_ins import DISC_BOX, SIZE, DiscVideo, centre, disc_frame, listing, message_of, run_here
 
 from pfviz.filters import FILTERS
 from pfviz.vision.motion import DYNAMICS
@@ -229,7 +229,7 @@ def test_the_contact_sheet_shows_frames_from_the_first_to_the_last(capfd, workpl
 
 
 def test_an_interrupt_before_the_first_frame_leaves_nothing(capfd, workplace, disc_file, monkeypatch):
-    monkeypatch.setattr(commands_track, "_run", lambda *_: 0)
+    monkeypatch.setattr(commands_track, "_run", lambda *_: (0, None))
     monkeypatch.setattr(commands_track, "_interrupts", lambda: nullcontext([signal.SIGINT]))
     outcome = run_here(capfd, "track", disc_file, "--box", BOX, "--csv", "out.csv", "--output", "out.mp4")
     assert outcome.code == 130
@@ -244,6 +244,22 @@ def test_a_video_that_stops_in_the_middle_is_used_and_it_is_said(capfd, workplac
     assert 30 < count < 70
     expected = f"pfviz: cut.avi ended early, after {count} frames: 100 frames were announced: the file is damaged"
     assert outcome.err.startswith(expected) and outcome.err.count("\n") == 1
+
+
+def test_where_the_decoder_breaks_the_frames_before_are_kept(capfd, workplace, disc_file, monkeypatch):
+    class Breaking(DiscVideo):
+        def __init__(self):
+            super().__init__(broken=5)
+
+    monkeypatch.setattr(commands_track, "open_source", lambda *_: Breaking())
+    words = ("track", "disc.mp4", "--box", BOX, *FEW, "--csv", "out.csv", "--output", "out.mp4")
+    message = message_of(run_here(capfd, *words))
+    assert message == "disc: the disc drive is on fire, after 5 frames; they are kept in out.csv, out.mp4"
+    assert [row["frame"] for row in rows_of((workplace / "out.csv").read_text())] == list(range(5))
+    assert listing(workplace) == ["out.csv", "out.mp4"]
+    message = message_of(run_here(capfd, *words, "--force", "--start-frame", 5))
+    assert message == "disc: the disc drive is on fire"
+    assert [row["frame"] for row in rows_of((workplace / "out.csv").read_text())] == list(range(5))
 
 
 @pytest.mark.parametrize("name", BAD_FILES)

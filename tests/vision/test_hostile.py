@@ -199,6 +199,7 @@ def test_a_decoder_that_is_killed_in_the_middle_is_told(good):
                 source.read(index)
         with pytest.raises(VideoError, match="signal 9"):
             source.read(99)
+        assert number_in(source.read(0)) == 0
 
 
 @linux

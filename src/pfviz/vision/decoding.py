@@ -289,9 +289,10 @@ class GuardedVideo:
     def _ask_ahead(self, index: int) -> None:
         """Ask for the next few frames, without waiting for them."""
         last = min(index + self._ahead, (self.frame_count or self._limits.max_frames) - 1)
-        for following in range(index + 1, last + 1):
-            if following not in self._cache:
-                self._decoder.ask(following)
+        with suppress(VideoError):  # whoever needs one of them will hear of it
+            for following in range(index + 1, last + 1):
+                if following not in self._cache:
+                    self._decoder.ask(following)
 
 
 def open_video(path: Path, limits: Limits | None = None, cache_bytes: int = CACHE_BYTES) -> GuardedVideo:
