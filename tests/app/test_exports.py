@@ -90,7 +90,8 @@ def test_the_script_of_a_toy_prints_what_was_recorded(name):
 
 @pytest.mark.parametrize("world", ["plane", "occlusion", "two-modes"])
 def test_the_script_of_other_worlds(world):
-    lane = lane_of(replace(FEW, world=world, filter="basic-sir"), 53 if world == "occlusion" else 4)
+    settings = replace(FEW, world=world, filter="basic-sir", tracker_particles=1)
+    lane = lane_of(settings, 53 if world == "occlusion" else 4)
     rows = executed(exports.toy_script(lane.log, plain=True))
     check_toy(rows, lane.toy)
     assert ("x2" in rows[0]) == (world == "plane")
@@ -229,7 +230,7 @@ def test_receipts_follow_from_the_table_of_the_trace(name, place):
 
 
 def test_a_step_without_an_observation_has_no_factors():
-    lane = lane_of(replace(FEW, world="occlusion", filter="auxiliary"), 52)
+    lane = lane_of(replace(FEW, world="occlusion", filter="auxiliary", tracker_particles=1), 52)
     rows = table(exports.trace_csv(lane.toy))
     step = [row for row in rows if row["t"] == "52"]
     assert len(step) == 12 and all(row["weight"] == row["weight_before"] and row["histories"] for row in step)
