@@ -27,10 +27,10 @@ def number_in(frame: np.ndarray) -> int:
     return sum(int(frame[12:36, 8 * bit + 2 : 8 * bit + 6].mean() > 125) << bit for bit in range(8))
 
 
-def write_video(path: Path, count: int, codec: str = "mp4v") -> Path:
-    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25.0, SIZE)
+def write_video(path: Path, count: int, codec: str = "mp4v", size: tuple[int, int] = SIZE) -> Path:
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec), 25.0, size)
     for index in range(count):
-        writer.write(numbered(index))
+        writer.write(cv2.resize(numbered(index), size, interpolation=cv2.INTER_NEAREST))
     writer.release()
     return path
 
