@@ -237,3 +237,27 @@ def test_a_target_that_is_taken_somewhere_is_there_and_goes_on_from_there():
     film.hold(9, np.array([-1.0]))
     film.hold(7, np.array([1.0]))
     assert set(film.held) == {5, 7}, "what was done later is void"
+
+
+class GoneVideo(DiscVideo):
+    """The disc is taken away after frame 7 and comes back at 16."""
+
+    def read(self, index):
+        image = super().read(index)
+        if not 8 <= index < 16:
+            return image
+        empty = np.full_like(image, 205)
+        return empty
+
+
+def test_an_object_that_is_gone_is_lost_and_found_again():
+    film = VideoFilm(disc_setup(GoneVideo))
+    room = Room(film, "rb-ss-hs-sir", film.model(1.0, 1.0, 1.0), 200, 0)
+    steps(room, 28)
+    lost = [room.outcome(t).lost for t in range(1, 29)]
+    assert not any(lost[:8]) and lost[14]
+    assert not any(lost[24:])
+    assert room.errors[27] < 6.0
+    again = room.fork(12)
+    assert [again.outcome(t).lost for t in range(1, 13)] == lost[:12]
+    assert fingerprint(again.step()) == fingerprint(room.trace[13])
