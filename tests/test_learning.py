@@ -80,7 +80,7 @@ def test_without_an_intercept_the_mean_is_zero():
 
 def test_a_ramp_has_a_velocity_that_is_kept_and_a_component_at_rest_can_be_learnt():
     ramp = np.stack([3.0 * np.arange(50.0), np.full(50, 9.0)], axis=1)
-    dynamics = learn_dynamics(ramp, 2)
+    dynamics = learn_dynamics(ramp, 2, intercept=False)
     ahead = dynamics.predict(np.array([[[300.0, 9.0], [297.0, 9.0]]]))[0]
     np.testing.assert_allclose(ahead, [303.0, 9.0], atol=1e-3)
 
