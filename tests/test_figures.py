@@ -154,6 +154,17 @@ def test_steps_without_observation_or_likelihood_can_be_drawn(world):
         assert plot_step(degenerate if world != "two-modes" else missing, toy.model).axes
 
 
+@every_world
+def test_a_filter_of_ones_own_may_record_little(world):
+    toy = get_world(world)
+    record = step("condensation", world)
+    bare = replace(record, stages=(replace(record.stages[-1], histories=None, ancestors=None),))
+    figure = plot_step(bare, toy.model)
+    shown = points_of(figure, style.POSTERIOR)[-1]
+    assert len(shown) == 12 and (outcome(bare).histories == -1).all()
+    assert not len(made_pairs(bare).sources)
+
+
 def test_weights_are_shown_by_colour_and_size():
     record = step("rb-hs-sir", "figure-1")
     figure = plot_line(record, get_world("figure-1").model)

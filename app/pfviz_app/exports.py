@@ -23,7 +23,7 @@ from pfviz.genealogy import unique_ancestors
 from pfviz.particles import FloatArray
 from pfviz.record import Stage, StepRecord
 from pfviz.vision import TrackerModel, VideoWriter, draw_track
-from pfviz.worlds import get_world
+from pfviz.worlds import WORLDS, get_world
 from pfviz_app.films import Start, ToyFilm, VideoFilm
 from pfviz_app.room import Room
 from pfviz_app.settings import CONTROLS, RUNNING, Settings
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
 TRACKER_COMPONENTS = "x", "y", "rotation", "log_scale"
 _ANCESTORS_BACK = 10
+_BUILT_IN = frozenset(WORLDS) | frozenset(FILTERS)
+"""Names that a script can count on: what ``pfviz.show`` adds is added later."""
 
 
 def toy_script(log: Sequence[Settings], held: Mapping[int, FloatArray] | None = None, plain: bool = False) -> str:
@@ -56,7 +58,7 @@ def toy_script(log: Sequence[Settings], held: Mapping[int, FloatArray] | None = 
     places = "".join(f"{t}: np.array({place.tolist()!r}), " for t, place in sorted((held or {}).items()))
     held_text = f", held={{{places[:-2]}}}" if held else ""
     lines = [
-        *_heading(f"the world {first.world!r}", log, "tracker_particles"),
+        *_heading(f"the world {first.world!r}", log, "tracker_particles", (first.world, first.filter)),
         *(["import numpy as np", ""] if held else []),
         "from pfviz import get_world, make_filter, run",
         *(["from pfviz.kernels import use_numpy"] if plain else []),
@@ -94,7 +96,7 @@ def tracker_script(
     first = _first(log, "video")
     frame = start.frame if start else start_frame
     lines = [
-        *_heading(f"the video {source!r}", log, "toy_particles"),
+        *_heading(f"the video {source!r}", log, "toy_particles", (first.filter,)),
         "from itertools import islice",
         "",
         "from pfviz import make_filter",
@@ -124,10 +126,19 @@ def _first(log: Sequence[Settings], room: str) -> Settings:
     return log[0]
 
 
-def _heading(where: str, log: Sequence[Settings], elsewhere: str) -> list[str]:
-    """The docstring, and a comment on what was changed on the way; ``elsewhere`` counts the other room's particles."""
+def _heading(where: str, log: Sequence[Settings], elsewhere: str, names: Sequence[str]) -> list[str]:
+    """The docstring, and comments on what the script cannot repeat.
+
+    ``elsewhere`` is the setting of the other room's particles; ``names`` are those that the script looks up.
+    """
     title = FILTERS[log[0].filter].title
     lines = [f'"""{title} on {where}, {len(log)} steps: what pfviz showed, done again."""', ""]
+    for name in names:
+        if name not in _BUILT_IN:
+            lines += [
+                f"# {name!r} is not part of pfviz: define it here and put it into pfviz.WORLDS or pfviz.FILTERS.",
+                "",
+            ]
     changed = list(_changed(log, elsewhere))
     if changed:
         lines += ["# Settings were changed during the run that was shown. This script keeps those of the first step."]

@@ -31,7 +31,7 @@ from pfviz.figures.style import EXACT
 from pfviz.filters import FILTERS
 from pfviz.genealogy import unique_ancestors
 from pfviz.vision import open_source
-from pfviz.worlds import get_world
+from pfviz.worlds import WORLDS, get_world
 
 ROOT = Path(__file__).resolve().parents[2]
 every_filter = pytest.mark.parametrize("name", FILTERS)
@@ -141,6 +141,17 @@ def test_changed_settings_are_told_and_not_repeated():
     rows = executed(script)
     check_toy(rows[:2], lane_of(FEW, 2).toy)
     check_toy(rows, lane_of(FEW, 3).toy)
+
+
+def test_the_script_says_what_is_of_the_visitors_own(monkeypatch):
+    monkeypatch.setitem(WORLDS, "mine", replace(get_world("plane"), name="mine"))
+    monkeypatch.setitem(FILTERS, "Mine", replace(FILTERS["condensation"], name="Mine", title="Mine"))
+    log = [replace(FEW, world="mine", filter="Mine")]
+    for name in ("mine", "Mine"):
+        assert f"# {name!r} is not part of pfviz" in exports.toy_script(log)
+    assert "'mine'" not in exports.tracker_script(log, "scene:twin")
+    assert "'Mine' is not part" in exports.tracker_script(log, "scene:twin")
+    assert "not part" not in exports.toy_script([FEW])
 
 
 def check_tracker(rows: list[dict[str, str]], room: Room[VideoFilm]) -> None:

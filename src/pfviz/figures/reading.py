@@ -51,21 +51,21 @@ def proposal_stage(record: StepRecord) -> Stage:
 
 
 def _drawn(record: StepRecord) -> int:
-    """The position of the stage in which innovations were drawn."""
+    """The position of the stage in which innovations were drawn; the last, where a filter of one's own names none."""
     for kind in ("propose", "predict"):
         for position, stage in enumerate(record.stages):
             if stage.kind == kind:
                 return position
-    raise ValueError("the record has no stage in which innovations were drawn")
+    return len(record.stages) - 1
 
 
 def outcome(record: StepRecord) -> Outcome:
     """The new particles, each with its history and the innovation that it came from."""
     made = [i for i, stage in enumerate(record.stages) if stage.kind in _MADE and stage.histories is not None]
-    position = made[-1]
+    position = made[-1] if made else len(record.stages) - 1
     stage = record.stages[position]
-    assert stage.histories is not None
-    return Outcome(stage.particles, relative(stage.particles.weights), stage.histories, _traced(record, position))
+    histories = np.full(len(stage.particles), -1) if stage.histories is None else stage.histories
+    return Outcome(stage.particles, relative(stage.particles.weights), histories, _traced(record, position))
 
 
 def _traced(record: StepRecord, position: int) -> IntArray:
@@ -73,8 +73,8 @@ def _traced(record: StepRecord, position: int) -> IntArray:
     drawn = _drawn(record)
     indices = np.arange(len(record.stages[position].particles))
     for stage in reversed(record.stages[drawn + 1 : position + 1]):
-        assert stage.ancestors is not None
-        indices = stage.ancestors[indices]
+        if stage.ancestors is not None:
+            indices = stage.ancestors[indices]
     return indices
 
 
