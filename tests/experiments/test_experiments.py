@@ -36,7 +36,7 @@ def tracked(label: str, seed: int, error: float, lost: float = 0.0, place: str =
         "place": place, "label": label, "filter": "condensation", "particles": 100, "seed": seed,
         "distances": distances, "error": error, "capped": error, "lost": lost, "lost_at_end": int(lost > 0),
         "twin": 1.0 if lost else None, "ess_share": 0.1, "proposal_spread": 4.0, "posterior_spread": 1.0,
-        "near_share": 0.5, "sharpness": 5.0, "milliseconds": 1.0,
+        "near_share": 0.5, "variance": 5.0, "sharpness": 5.0, "milliseconds": 1.0,
     }  # fmt: skip
 
 
@@ -118,6 +118,22 @@ def test_equality_is_refuted_only_by_a_difference():
     apart = [tracked(label, s, 1.0 + i + 0.1 * np.sin(s)) for s in range(9)
              for i, label in enumerate(("RB-SS-HS-SIR", "CONDENSATION(5)"))]  # fmt: skip
     assert tracking.orderings(apart, "error").rows[0][-1] == "does not hold: RB-SS-HS-SIR is better"
+
+
+def test_arbitrary_associations_cost_much_only_where_histories_lie_apart():
+    def said(apart: float, gain: float) -> str:
+        rows = [
+            tracked(label, seed, 1.0)
+            | {"ess_share": 0.1 + 0.001 * np.cos(5 * seed) + (gain if label == "RB-SS-HS-SIR" else 0.0)}
+            | {"posterior_spread": apart}
+            for seed in range(8)
+            for label in ("Basic-SIR", "RB-SS-HS-SIR")
+        ]
+        return tracking.association_sentence(rows)[0]
+
+    assert "ESS share is greater than" in said(1.0, 0.05) and "costs little" in said(1.0, 0.05)
+    assert "ESS share is smaller than" in said(9.0, -0.05) and "costs much" in said(9.0, -0.05)
+    assert tracking.association_sentence([tracked("Basic-SIR", 0, 1.0)]) == []
 
 
 def test_what_the_error_goes_with_is_said_only_where_it_does():

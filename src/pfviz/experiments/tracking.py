@@ -322,7 +322,28 @@ def why_sentences(rows: Sequence[Row]) -> list[str]:
                 f"{spread.value:.3g} px), and the weights leave an ESS of {effective:.3g} of {members[0]['particles']} "
                 f"particles ({share.value:.2%})."
             )
-    return sentences
+    return sentences + association_sentence(rows)
+
+
+def association_sentence(rows: Sequence[Row]) -> list[str]:
+    """What sampling the histories does to the ESS, and whether they lie so close that it matters little.
+
+    Arbitrary associations cost much where the histories lie further apart than the system noise reaches.
+    """
+    plain, sampled = ([row for row in rows if row["label"] == label] for label in ("Basic-SIR", "RB-SS-HS-SIR"))
+    gap = difference(sampled, plain, "ess_share")
+    if gap.count < FEWEST:
+        return []
+    apart, reach = mean(plain, "posterior_spread").value, float(np.sqrt(2.0 * (plain[0].get("variance") or np.nan)))
+    verdict = {"greater": "is greater than", "less": "is smaller than", "undecided": "cannot be told from"}[
+        sign_of(gap)
+    ]
+    reason = "little" if apart < reach else "much"
+    return [
+        f"RB-SS-HS-SIR's ESS share {verdict} Basic-SIR's (difference "
+        f"{gap}). Basic-SIR's histories lie {apart:.3g} px apart (root mean square) and the system noise reaches "
+        f"{reach:.3g} px: an arbitrary association costs {reason}."
+    ]
 
 
 _QUESTION = (
