@@ -324,6 +324,13 @@ def test_only_regular_files_are_opened(tmp_path, good):
         assert source.frame_count == 100
 
 
+def test_of_an_upload_fewer_frames_are_kept(good):
+    with open_upload(good, cache_bytes=5 * 3 * SIZE[0] * SIZE[1]) as source:
+        assert [number_in(image) for _, image in frames(source)] == list(range(100))
+        assert number_in(source.read(3)) == 3
+        assert isinstance(source, GuardedVideo) and source._cache.nbytes <= 5 * 3 * SIZE[0] * SIZE[1]
+
+
 def test_a_name_that_no_system_knows_is_no_such_file():
     for name in ("x" * 5000, "a\0b"):
         with pytest.raises(VideoError, match="no such file"):

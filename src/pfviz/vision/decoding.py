@@ -22,7 +22,7 @@ import numpy as np
 from pfviz.vision import decoder
 from pfviz.vision.images import common_size
 from pfviz.vision.limits import Limits, display_name
-from pfviz.vision.video import CACHE_BYTES, DEFAULT_FRAME_RATE, EndOfVideo, FrameCache, Image, Truth, VideoError
+from pfviz.vision.video import DEFAULT_FRAME_RATE, EndOfVideo, FrameCache, Image, Truth, VideoError
 
 T = TypeVar("T")
 
@@ -210,7 +210,7 @@ class GuardedVideo:
         task: dict[str, Any],
         limits: Limits,
         frame_rate: float | None = None,
-        cache_bytes: int = CACHE_BYTES,
+        cache_bytes: int | None = None,
     ) -> None:
         self.name = os.path.basename(shown.rstrip("/" + os.sep)) or shown
         self._limits = limits
@@ -295,7 +295,7 @@ class GuardedVideo:
                     self._decoder.ask(following)
 
 
-def open_video(path: Path, limits: Limits | None = None, cache_bytes: int = CACHE_BYTES) -> GuardedVideo:
+def open_video(path: Path, limits: Limits | None = None, cache_bytes: int | None = None) -> GuardedVideo:
     """A video file.
 
     Raises:
@@ -312,7 +312,7 @@ def open_images(
     paths: Sequence[Path],
     limits: Limits | None = None,
     frame_rate: float | None = None,
-    cache_bytes: int = CACHE_BYTES,
+    cache_bytes: int | None = None,
 ) -> GuardedVideo:
     """Image files, one a frame, called ``shown``.
 

@@ -23,6 +23,7 @@ Box = tuple[float, float, float, float]
 
 DEFAULT_FRAME_RATE = 30.0
 CACHE_BYTES = 128 * 2**20
+UPLOAD_CACHE_BYTES = 32 * 2**20
 
 
 class VideoError(ValueError):
@@ -120,8 +121,15 @@ def open_source(
     return _open_files(name, limits or Limits(), frame_rate)
 
 
-def open_upload(path: str | os.PathLike[str], limits: Limits | None = None) -> VideoSource:
+def open_upload(
+    path: str | os.PathLike[str], limits: Limits | None = None, cache_bytes: int = UPLOAD_CACHE_BYTES
+) -> VideoSource:
     """A video or image file that a stranger sent, whatever its name looks like.
+
+    Args:
+        path: the file.
+        limits: what it may cost.
+        cache_bytes: of frames that are kept.
 
     Raises:
         VideoError: if it is not a regular file, goes beyond the limits or cannot be decoded.
@@ -129,7 +137,7 @@ def open_upload(path: str | os.PathLike[str], limits: Limits | None = None) -> V
     file = Path(path)
     if file.is_symlink():
         raise VideoError(f"{display_name(file)}: is a link, not a file")
-    return _open_file(file, limits or Limits(), None)
+    return _open_file(file, limits or Limits(), None, cache_bytes)
 
 
 def _open_files(name: str, limits: Limits, frame_rate: float | None) -> VideoSource:
@@ -143,15 +151,15 @@ def _open_files(name: str, limits: Limits, frame_rate: float | None) -> VideoSou
     return _open_file(Path(name), limits, frame_rate)
 
 
-def _open_file(path: Path, limits: Limits, frame_rate: float | None) -> VideoSource:
+def _open_file(path: Path, limits: Limits, frame_rate: float | None, cache_bytes: int | None = None) -> VideoSource:
     """A video, or an image as a video of one frame; the content decides, not the name."""
     from pfviz.vision.decoding import check_file, open_images, open_video
     from pfviz.vision.images import image_size
 
     check_file(path, limits)
     if image_size(path) is not None:
-        return open_images(display_name(path), [path], limits, frame_rate)
-    return open_video(path, limits)
+        return open_images(display_name(path), [path], limits, frame_rate, cache_bytes)
+    return open_video(path, limits, cache_bytes)
 
 
 def end_note(source: VideoSource) -> str | None:
