@@ -163,6 +163,8 @@ def test_a_filter_of_ones_own_may_record_little(world):
     shown = points_of(figure, style.POSTERIOR)[-1]
     assert len(shown) == 12 and (outcome(bare).histories == -1).all()
     assert not len(made_pairs(bare).sources)
+    half = replace(record, stages=(*record.stages[:-1], replace(record.stages[-1], ancestors=None)))
+    assert outcome(half).proposed.tolist() == list(range(12))
 
 
 def test_weights_are_shown_by_colour_and_size():
