@@ -155,3 +155,68 @@ def test_the_centroid_is_that_of_the_area_not_of_the_points():
 def test_what_is_not_an_outline_is_refused(make, message):
     with pytest.raises(ValueError, match=message):
         make()
+
+
+affine_states = st.tuples(
+    *(st.floats(-100, 100) for _ in range(2)), angles, st.floats(-1, 1), *(st.floats(-0.8, 0.8) for _ in range(2))
+).map(np.array)
+
+
+@given(blobs(), affine_states, angles, scales, shifts)
+def test_placed_outlines_turn_grow_and_move_with_the_frame(polygon, state, angle, scale, shift):
+    """Turning, scaling and moving the picture is turning, scaling and moving the state."""
+    contour, _ = contour_from_polygon(polygon)
+    moved = np.array(
+        [*(scale * turned(state[:2], angle) + shift), state[2] + angle, state[3] + np.log(scale), *state[4:]]
+    )
+    for k in (4, 6):
+        expected = scale * turned(contour.outlines(state[:k])[0], angle) + shift
+        np.testing.assert_allclose(contour.outlines(moved[:k])[0], expected, atol=1e-7 * contour.size * scale + 1e-9)
+
+
+@given(affine_states)
+def test_spaces_are_nested(state):
+    zeros = np.zeros(2)
+    similarity = transforms(state[None, :4])
+    np.testing.assert_allclose(transforms(np.concatenate([state[:4], zeros])[None]), similarity, atol=1e-12)
+    translation = transforms(state[None, :2], 0.5)
+    np.testing.assert_allclose(transforms(np.concatenate([state[:2], zeros])[None], 0.5), translation, atol=1e-12)
+
+
+@given(affine_states, scales)
+def test_stretching_keeps_the_area_and_is_a_matrix_exponential(state, factor):
+    from scipy.linalg import expm
+
+    matrix = transforms(state[None], factor)[0]
+    p, q = state[4:]
+    similar = transforms(state[None, :4], factor)[0]
+    np.testing.assert_allclose(matrix[:, :2], similar[:, :2] @ expm(np.array([[p, q], [q, -p]])), atol=1e-9)
+    np.testing.assert_allclose(matrix[:, 2], similar[:, 2])
+    assert np.linalg.det(matrix[:, :2]) == pytest.approx(factor**2 * np.exp(2 * state[3]))
+
+
+@given(st.tuples(*(st.floats(-2.0, 2.0) for _ in range(4))).map(lambda v: np.array(v).reshape(2, 2)))
+def test_every_affine_map_that_does_not_mirror_is_a_state(linear):
+    from scipy.linalg import polar
+
+    if np.linalg.det(linear) < 0.05:
+        linear = linear + 3.0 * np.eye(2)
+    if np.linalg.det(linear) < 0.05:
+        return
+    rotation, stretch = polar(linear)
+    log_scale = 0.5 * np.log(np.linalg.det(stretch))
+    values, vectors = np.linalg.eigh(stretch / np.exp(log_scale))
+    (p, q), _ = vectors @ np.diag(np.log(values)) @ vectors.T
+    state = np.array([5.0, 7.0, np.arctan2(rotation[1, 0], rotation[0, 0]), log_scale, p, q])
+    np.testing.assert_allclose(transforms(state[None])[0, :, :2], linear, atol=1e-6)
+
+
+@given(blobs(), affine_states)
+def test_normals_stay_across_a_stretched_outline(polygon, state):
+    """The scan's normal, A^-T m, is at right angles to the tangent that the map makes of the outline's."""
+    contour, _ = contour_from_polygon(polygon)
+    linear = transforms(state[None])[0, :, :2]
+    tangents = np.stack([-contour.normals[:, 1], contour.normals[:, 0]], axis=1) @ linear.T
+    normals = contour.normals @ np.linalg.inv(linear)
+    cosines = np.sum(tangents * normals, axis=1) / np.linalg.norm(tangents, axis=1) / np.linalg.norm(normals, axis=1)
+    np.testing.assert_allclose(cosines, 0.0, atol=1e-9)

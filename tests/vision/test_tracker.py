@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from vision_clips import clip
@@ -9,8 +11,11 @@ from vision_clips import clip
 from pfviz.filters import make_filter
 from pfviz.model import Model, Proposal
 from pfviz.particles import ParticleSet
+from pfviz.randomness import step_rng
 from pfviz.vision.motion import hand_held_motion
+from pfviz.vision.presence import AT_START, NOT_YET_FOUND
 from pfviz.vision.scenes import Scene
+from pfviz.vision.shapes import transforms
 from pfviz.vision.track import track
 from pfviz.vision.tracker import (
     MODELS,
@@ -61,6 +66,40 @@ def test_every_measurement_prefers_the_truth(scene, name):
         away = away[np.hypot(*(away - truth)[:, :2].T) > 6.0]
         at_truth = model.log_likelihood(truth[None], features)[0]
         assert (model.log_likelihood(away, features) < at_truth).mean() > 0.98
+
+
+def test_the_parts_of_the_likelihood_are_those_of_the_models_name(scene):
+    image, later = scene.read(0), scene.read(1)
+    for name in MODELS:
+        model = learn_tracker(image, scene.box(0), model=name)
+        filter_ = make_filter("rb-ss-hs-sir", n_particles=50)
+        particles = filter_.initial(np.random.default_rng(0), model)
+        record = filter_.step(np.random.default_rng(1), model, particles, model.observe(image))
+        following = model.given(model.presence(AT_START, record))
+        features = following.observe(later)
+        states = record.posterior.innovation
+        parts = following.log_likelihood_parts(states, features)
+        assert set(parts) == set(name.split("+"))
+        np.testing.assert_allclose(sum(parts.values()), following.log_likelihood(states, features))
+        assert set(model.log_likelihood_parts(states, features)) == set(name.split("+")) - {"motion"}
+
+
+def test_implicit_motion_compares_with_the_estimate_before_unless_that_was_lost(scene):
+    model = learn_tracker(scene.read(140), scene.box(140), model="contour+motion")
+    filter_ = make_filter("rb-ss-hs-sir", n_particles=100)
+    *_, before, item = list(track(scene, model, filter_, 0, 140))
+    assert before.presence.patch is not None
+    following = model.given(before.presence)
+    motion = model.motion_likelihood
+    expected = motion.patch(
+        transforms(before.estimate.state[None], model.extractor.working_scale)[0], before.record.observation.grey
+    )
+    np.testing.assert_array_equal(following.patch_before, expected)
+    again = filter_.step(step_rng(0, 10), following, item.record.previous, item.record.observation)
+    np.testing.assert_array_equal(again.posterior.log_weights, item.record.posterior.log_weights)
+    lost = replace(before.presence, tracked=False)
+    assert model.presence_rule.after(lost, -1e9).patch is None
+    assert model.given(NOT_YET_FOUND).patch_before is None
 
 
 def test_the_model_is_a_model(scene, model):
