@@ -18,8 +18,8 @@ import numpy as np
 import websockets
 from _timing import machine
 from pfviz_app.commands import Play, Set
-from pfviz_app.server import App, Visitor, prepare_video
 from pfviz_app.picture import Picture
+from pfviz_app.server import App, Visitor, prepare_video
 from pfviz_app.settings import Settings
 
 from pfviz import kernels

@@ -10,7 +10,7 @@ import numpy as np
 from pfviz.particles import FloatArray
 from pfviz.record import StepRecord
 from pfviz_app.stage.palette import DARK, LIGHT
-from pfviz_app.stage.seen import Seen, likeliest_histories
+from pfviz_app.stage.seen import Seen, first_of_equals, likeliest_histories
 
 _FACTORS = {
     "likelihood": "likelihood p(y|x)",
@@ -36,7 +36,8 @@ class Receipt:
         weight: what it comes to.
         rank: 1 for the heaviest.
         count: of particles.
-        history: the index of its history among the particles before the step; -1 for none.
+        history: the index of its history among the particles before the step, of the first where there are copies; -1
+            for none.
         choices: the most probable histories of its innovation and their probabilities, where histories are sampled.
     """
 
@@ -85,7 +86,8 @@ def _joined(record: StepRecord, index: int) -> tuple[int, tuple[tuple[int, float
         return -1, ()
     found, probabilities = likeliest_histories(record, int(particles[0]), _MOST_HISTORIES)
     choices = tuple((int(i), float(p)) for i, p in zip(found, probabilities, strict=True))
-    return int(joins[0][particles[0]]), choices
+    history = int(joins[0][particles[0]])
+    return (history if history < 0 else int(first_of_equals(record.previous)[history])), choices
 
 
 def receipt_html(slip: Receipt | None, dark: bool) -> str:

@@ -140,15 +140,23 @@ def relative(weights: FloatArray) -> FloatArray:
 def likeliest_histories(record: StepRecord, innovation: int, count: int) -> tuple[IntArray, FloatArray]:
     """The histories in ``record.previous`` that could best have produced an associated innovation, with probabilities.
 
-    Copies that resampling made of one history count together. Empty where nothing was associated.
+    Particles of equal state, the copies that resampling has made, count together, under the index of the first. Empty
+    where nothing was associated.
     """
     association = record.association
     if association is None or innovation >= len(association.innovations):
         return np.empty(0, np.int64), np.empty(0)
     totals = np.zeros(len(record.previous))
-    np.add.at(totals, origins(record), association.row(innovation))
+    np.add.at(totals, first_of_equals(record.previous)[origins(record)], association.row(innovation))
     best = np.argsort(-totals, kind="stable")[:count]
     return best, totals[best]
+
+
+def first_of_equals(particles: ParticleSet) -> IntArray:
+    """``(N,)``: for each particle the index of the first one of equal state."""
+    flat = particles.states.reshape(len(particles), -1)
+    _, first, group = np.unique(flat, axis=0, return_index=True, return_inverse=True)
+    return first[group.ravel()]
 
 
 def origins(record: StepRecord) -> IntArray:
