@@ -215,7 +215,7 @@ def test_implicit_motion_prefers_where_the_patch_went_in_any_light():
     before = motion.patch(transforms(np.array([[90.0, 70.0, 0.0, 0.0]]))[0], textured(90, 70))
     after = textured(102, 75, light=0.7)
     shifts = np.array([[dx, dy] for dx in range(-20, 21, 4) for dy in range(-20, 21, 5)], dtype=float)
-    states = np.concatenate([shifts + [102.0, 75.0], np.zeros((len(shifts), 2))], axis=1)
+    states = np.concatenate([shifts + np.array([102.0, 75.0]), np.zeros((len(shifts), 2))], axis=1)
     log_likelihood = motion.log_likelihood(transforms(states), after, before)
     best = shifts[np.argmax(log_likelihood)]
     assert best.tolist() == [0.0, 0.0]
