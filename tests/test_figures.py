@@ -149,7 +149,8 @@ def test_steps_without_observation_or_likelihood_can_be_drawn(world):
     far = np.full_like(toy.record(0, 1).observations[0], 1e200)
     degenerate = replace(missing, observation=far, condition="degenerate")
     assert missing.condition == "missing"
-    assert len(render(plot_step(missing, toy.model))) > 5000
+    figure = plot_step(missing, toy.model)
+    assert any("nothing was" in text.get_text() for axes in figure.axes for text in axes.texts)
     with np.errstate(over="ignore", invalid="ignore"):
         assert plot_step(degenerate if world != "two-modes" else missing, toy.model).axes
 
@@ -178,6 +179,18 @@ def test_weights_are_shown_by_colour_and_size():
     luminance = np.asarray(scatter.get_facecolors())[:, :3] @ [0.2126, 0.7152, 0.0722]
     assert (np.diff(luminance) <= 1e-12).all() and (np.diff(scatter.get_sizes()) >= -1e-12).all()
     assert luminance[0] - luminance[-1] > 0.2
+
+
+@pytest.mark.parametrize("world", ["figure-1", "plane"])
+def test_of_many_particles_the_heaviest_are_drawn(world):
+    record = step("basic-sir", world, 2000, 2)
+    figure = plot_step(record, get_world(world).model)
+    shown = points_of(figure, style.POSTERIOR)[-1]
+    across = slice(0, record.posterior.dimension)
+    new = outcome(record)
+    heaviest = new.particles.innovation[np.argsort(-new.strengths)[:200]]
+    assert 400 < len(shown) <= 800
+    assert set(map(tuple, heaviest)) <= set(map(tuple, shown[:, across]))
 
 
 def test_curves_are_the_densities():

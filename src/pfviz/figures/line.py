@@ -154,13 +154,13 @@ def _size(count: int) -> float:
 
 def _before(page: _Page, particles: ParticleSet) -> None:
     strengths = style.relative(particles.weights)
-    shown = style.sample_evenly(len(particles), _POINTS)
+    shown = style.sample(strengths, _POINTS)
     newer = particles.states[:, 0, 0]
     page.row("newer", r"state $q_t$", style.HISTORY)
     if particles.order > 1:
         older = particles.states[:, 1, 0]
         page.row("older", r"history $q_{t-1}$", style.HISTORY)
-        some = style.sample_evenly(len(particles), _LINES)
+        some = style.sample(strengths, _LINES)
         lines = page.between(older[some], "older", newer[some], "newer")
         style.weighted_lines(page.axes, lines, strengths[some], style.HISTORY, 1.3, 1)
         _dots(page, older[shown], strengths[shown], "older", style.HISTORY)
@@ -175,7 +175,7 @@ def _dots(page: _Page, values: FloatArray, strengths: FloatArray, row: str, colo
 def _proposed(page: _Page, record: StepRecord, model: Model, proposes: bool) -> None:
     stage, strengths = proposal_stage(record), innovation_strengths(record)
     values = stage.particles.innovation[:, 0]
-    shown = style.sample_evenly(len(values), _POINTS)
+    shown = style.sample(strengths, _POINTS)
     label = r"$u_{t+1} \sim \pi$" if stage.proposal else r"$u_{t+1} \sim \pi, p$"
     page.row("proposed", label if proposes else r"$x \sim p(x\,|\,q_t)$", style.PROPOSAL)
     _dots(page, values[shown], strengths[shown], "proposed", style.PROPOSAL, "D")
@@ -193,7 +193,7 @@ def _joins(page: _Page, record: StepRecord) -> None:
         lines = page.between(before[possible.sources], "newer", proposed[possible.targets], "proposed")
         style.weighted_lines(page.axes, lines, style.relative(possible.strengths), style.PROPOSAL, 2.4, 1)
     made = made_pairs(record)
-    some = style.sample_evenly(len(made.sources), _HEADS if len(made.sources) <= _HEADS else _LINES)
+    some = style.sample(made.strengths, _LINES)
     lines = page.between(before[made.sources[some]], "newer", proposed[made.targets[some]], "proposed")
     if possible is None:
         draw = style.arrows if len(some) <= _HEADS else style.weighted_lines
@@ -209,7 +209,8 @@ def _how_joined(record: StepRecord, chosen: bool) -> str:
         return "every possible join\nby its probability,\narrow: the one drawn"
     if record.association is not None and record.association.arbitrary:
         return "joined by index,\nstrength: p(u | q),\ngrey: next to\nimpossible"
-    return "each drawn from\nits own state"
+    drawn = "each drawn from\nits own state"
+    return f"{drawn}:\nnothing was\nobserved" if is_missing(record.observation) else drawn
 
 
 def _likelihood(page: _Page, record: StepRecord, model: Model) -> None:
@@ -225,11 +226,11 @@ def _after(page: _Page, record: StepRecord, truth: FloatArray | None) -> None:
     newer = new.particles.states[:, 0, 0]
     page.row("history", r"history $q_t$", style.POSTERIOR)
     page.row("state", r"state $q_{t+1}$", style.POSTERIOR)
-    some = style.sample_evenly(int(known.sum()), _LINES)
+    some = style.sample(new.strengths[known], _LINES)
     lines = page.between(older[known][some], "history", newer[known][some], "state")
     draw = style.arrows if len(some) <= _HEADS else style.weighted_lines
     draw(page.axes, lines, new.strengths[known][some], style.POSTERIOR, 2.0, 3)
-    shown = style.sample_evenly(len(newer), _POINTS)
+    shown = style.sample(new.strengths, _POINTS)
     have = shown[known[shown]]
     _dots(page, older[have], new.strengths[have], "history", style.POSTERIOR)
     _dots(page, newer[shown], new.strengths[shown], "state", style.POSTERIOR)

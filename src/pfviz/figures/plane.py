@@ -99,7 +99,7 @@ def _size(count: int) -> float:
 def _before(axes: Axes, record: StepRecord) -> None:
     particles = record.previous
     strengths = style.relative(particles.weights)
-    some = style.sample_evenly(len(particles), _POINTS)
+    some = style.sample(strengths, _POINTS)
     if particles.order > 1:
         lines = _tails(particles.states[some, 1], particles.states[some, 0])
         style.weighted_lines(axes, lines, strengths[some], style.HISTORY, 1.2, 1)
@@ -128,14 +128,14 @@ def _proposed(axes: Axes, record: StepRecord, model: Model, span: Span) -> None:
     if possible is not None and len(possible.sources):
         lines = _tails(before[possible.sources], innovations[possible.targets])
         style.weighted_lines(axes, lines, style.relative(possible.strengths), style.PROPOSAL, 1.6, 1)
-    some = style.sample_evenly(len(made.sources), _LINES)
+    some = style.sample(made.strengths, _LINES)
     lines = _tails(before[made.sources[some]], innovations[made.targets[some]])
     colour, width = (style.PROPOSAL, 1.3) if possible is None else (style.INK, 0.6)
     style.weighted_lines(axes, lines, made.strengths[some], colour, width, 2)
     style.weighted_points(axes, before, np.full(len(before), 0.5), style.HISTORY, 0.5 * _size(len(before)), 3)
-    shown = style.sample_evenly(len(innovations), _POINTS)
-    strengths = innovation_strengths(record)[shown]
-    style.weighted_points(axes, innovations[shown], strengths, style.PROPOSAL, 0.8 * _size(len(shown)), 4, "D")
+    strengths = innovation_strengths(record)
+    shown = style.sample(strengths, _POINTS)
+    style.weighted_points(axes, innovations[shown], strengths[shown], style.PROPOSAL, 0.8 * _size(len(shown)), 4, "D")
 
 
 def _completed(record: StepRecord) -> FloatArray:
@@ -160,10 +160,10 @@ def _after(axes: Axes, record: StepRecord, truth: FloatArray | None, exact: Gaus
     new = outcome(record)
     particles, strengths = new.particles, new.strengths
     known = np.flatnonzero(new.histories >= 0)
-    known = known[style.sample_evenly(len(known), _POINTS)]
+    known = known[style.sample(strengths[known], _POINTS)]
     lines = _tails(record.previous.innovation[new.histories[known]], particles.innovation[known])
     style.weighted_lines(axes, lines, strengths[known], style.POSTERIOR, 1.4, 1)
-    some = style.sample_evenly(len(particles), _POINTS)
+    some = style.sample(strengths, _POINTS)
     style.weighted_points(axes, particles.innovation[some], strengths[some], style.POSTERIOR, _size(len(some)), 3)
     x, y = record.estimate
     axes.plot(x, y, "+", color="white", markersize=15, markeredgewidth=4.4, zorder=5)

@@ -161,8 +161,11 @@ def quiet(axes: Axes) -> None:
     axes.set_axisbelow(True)
 
 
-def sample_evenly(total: int, count: int) -> NDArray[np.int64]:
-    """At most ``count`` of ``total`` indices, evenly spread."""
+def sample(strengths: FloatArray, count: int) -> NDArray[np.int64]:
+    """At most ``count`` indices into ``strengths (n,)``: the strongest, and others evenly spread, half and half."""
+    total = len(strengths)
     if total <= count:
         return np.arange(total)
-    return np.unique(np.linspace(0, total - 1, max(count, 1)).astype(np.int64))
+    strongest = np.argsort(-strengths, kind="stable")[: count // 2]
+    evenly = np.linspace(0, total - 1, count - count // 2).astype(np.int64)
+    return np.union1d(strongest, evenly)
