@@ -168,12 +168,14 @@ def _add_track(commands: Any) -> None:
         "--learn-frame", type=whole_number(0, 10**9), default=None, metavar="F",
         help="the frame that box or polygon are in (default: the start frame); in another one it is looked for",
     )  # fmt: skip
-    for option, what in (
-        ("--model", "what is measured"),
-        ("--shape", "how it changes"),
-        ("--dynamics", "how it moves"),
-    ):
+    for option, what in (("--model", "what is measured"), ("--shape", "how it changes")):
         track.add_argument(option, default=None, metavar="NAME", help=f"{what}: see `pfviz models`")
+    motion = track.add_mutually_exclusive_group()
+    motion.add_argument("--dynamics", default=None, metavar="NAME", help="how it moves: see `pfviz models`")
+    motion.add_argument(
+        "--learn-dynamics", default=None, metavar="TRUTH.csv",
+        help="learn that from positions, one row a frame: columns frame,x,y or frame,cx,cy or frame,x,y,w,h",
+    )  # fmt: skip
     track.add_argument(
         "--working-width", type=whole_number(16, 100_000), default=320, metavar="W",
         help="larger frames are measured at about this width (default: 320)",

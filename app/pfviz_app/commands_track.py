@@ -19,6 +19,7 @@ import cv2
 import numpy as np
 
 from pfviz import kernels
+from pfviz.dynamics import Autoregression, learn_dynamics, read_states
 from pfviz.filters import make_filter
 from pfviz.filters.registry import Filter
 from pfviz.vision.drawing import ContactSheet, VideoWriter, draw_track
@@ -114,7 +115,8 @@ def _run(
 
 def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:
     """Of the object in the frame to learn from; where that is not the first, it may be anywhere at the start."""
-    names = {"model": options.model, "shape": options.shape, "dynamics": options.dynamics}
+    dynamics = _learnt(options.learn_dynamics) if options.learn_dynamics else options.dynamics
+    chosen = {"model": options.model, "shape": options.shape, "dynamics": dynamics}
     frame = options.start_frame if options.learn_frame is None else options.learn_frame
     known = frame == options.start_frame
     model = learn_from_start(
@@ -124,9 +126,22 @@ def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:
         polygon=options.polygon,
         option="--start-frame" if known else "--learn-frame",
         options=TrackerOptions(working_width=options.working_width),
-        **{key: name for key, name in names.items() if name is not None},
+        **{key: value for key, value in chosen.items() if value is not None},
     )
     return model if known else model.given(NOT_YET_FOUND)
+
+
+def _learnt(path: str) -> Autoregression:
+    """Of the positions in a CSV file.
+
+    Raises:
+        ValueError: if it cannot be read or has too few of them.
+    """
+    try:
+        return learn_dynamics(read_states(path))
+    except (OSError, ValueError, csv.Error) as error:
+        trouble = getattr(error, "strerror", None) or str(error).removeprefix(f"{path}: ")
+        raise ValueError(f"--learn-dynamics {display_name(path)}: {display_name(trouble)}") from None
 
 
 def _filter(options: argparse.Namespace) -> Filter:

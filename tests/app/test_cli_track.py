@@ -21,6 +21,7 @@ from pfviz_app.outputs import replacing
 from pfviz_app.progress import Progress, duration
 from stand_ins import DISC_BOX, SIZE, DiscVideo, centre, disc_frame, listing, message_of, run_here
 
+from pfviz.dynamics import learn_dynamics, read_states
 from pfviz.filters import FILTERS
 from pfviz.vision.motion import DYNAMICS
 from pfviz.vision.restart import Restarting
@@ -129,6 +130,48 @@ def test_whatever_is_assumed_the_disc_is_followed(capfd, disc_file, option, name
     turned_or_scaled = (last["rotation"], last["scale"]) != (0.0, 1.0)
     assert turned_or_scaled == (name != "translation")
     assert (last["stretch"] is not None) == (name == "affine")
+
+
+def write_positions(path: Path, columns: str = "frame,cx,cy") -> Path:
+    rng = np.random.default_rng(0)
+    rows = [f"{i},{centre(i)[0] + rng.normal(0, 0.3)},{36 + rng.normal(0, 0.3)}" for i in range(60)]
+    path.write_text("\n".join([columns, *rows]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_dynamics_are_learnt_from_positions(capfd, workplace, disc_file, monkeypatch, shape):
+    models = []
+    original = commands_track._sinks
+    monkeypatch.setattr(commands_track, "_sinks", lambda *a: [models.append(a[2]), *original(*a)][1:])
+    write_positions(workplace / "truth.csv")
+    words = ("track", disc_file, "--box", BOX, *FEW, "--shape", shape, "--learn-dynamics", "truth.csv")
+    outcome = run_here(capfd, *words)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert errors_in(outcome.out).max() < 6.0
+    learnt, known = models[0].dynamics, learn_dynamics(read_states(workplace / "truth.csv"))
+    np.testing.assert_array_equal(learnt.coefficients[:, :2, :2], known.coefficients)
+    np.testing.assert_array_equal(learnt.noise_covariance[:2, :2], known.noise_covariance)
+
+
+@pytest.mark.parametrize(
+    ("content", "trouble"),
+    [
+        (None, "No such file"),
+        (b"", "expected columns"),
+        (b"a,b\n1,2\n", "expected columns"),
+        (b"frame,x,y\n1,2,left\n", "not a number"),
+        (b"frame,x,y\n1,2,3\n2,3,4\n", "too few"),
+        (b"frame,x,y\n1,2\0,3\n", ""),
+        (b"\xff\xfe\x00\x01" * 20, ""),
+    ],
+)
+def test_positions_that_nothing_can_be_learnt_from(capfd, workplace, disc_file, content, trouble):
+    if content is not None:
+        (workplace / "truth.csv").write_bytes(content)
+    message = message_of(run_here(capfd, "track", disc_file, "--box", BOX, "--learn-dynamics", "truth.csv"))
+    assert message.startswith("--learn-dynamics truth.csv: ") and trouble in message
+    assert message.isprintable()
 
 
 def test_what_can_be_assumed_is_listed(capfd):
