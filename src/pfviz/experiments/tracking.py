@@ -142,12 +142,15 @@ def correlations(rows: Sequence[Row]) -> Table:
 
 
 def correlation_sentences(table: Table) -> list[str]:
-    """The correlations that an interval tells from zero, of the sources' filters."""
+    """The correlations that an interval tells from zero, of the sources' filters that propose from the image.
+
+    What CONDENSATION proposes follows from where it is, so there it is the error that explains the rest.
+    """
     sentences = []
     for label, words, value, low, high, count in table.rows:
         assert isinstance(value, float) and isinstance(low, float) and isinstance(high, float)
         assert isinstance(count, int)
-        if label in _IN_THE_SOURCES and count >= FEWEST and not low <= 0.0 <= high:
+        if label in _IN_THE_SOURCES[3:] and count >= FEWEST and not low <= 0.0 <= high:
             sentences.append(
                 f"Over {count} scenes the error of {label} {'rises' if value > 0 else 'falls'} with {words} "
                 f"(rank correlation {value:.2f} [{low:.2f}, {high:.2f}])."
