@@ -11,7 +11,6 @@ from typing import Any, Protocol, cast
 
 import numpy as np
 
-from pfviz.exact import Gaussian, GridDensity, GridMarginal
 from pfviz.filters.registry import Filter
 from pfviz.model import Model
 from pfviz.particles import FloatArray, readonly
@@ -22,10 +21,10 @@ from pfviz.vision.restart import Restarting
 from pfviz.vision.tracker import TrackerModel, TrackEstimate, learn_tracker
 from pfviz.vision.video import EndOfVideo, Image, Truth, VideoSource, open_upload
 from pfviz.worlds import World
+from pfviz_app.exact_answer import ExactAnswer
 
 Point = tuple[float, float]
 TOY_STEPS = 2000
-_KEPT_STATES = 32
 
 
 class Film(Protocol):
@@ -72,54 +71,6 @@ class Film(Protocol):
     def presence_after(self, model: Any, before: Presence | None, record: StepRecord) -> Presence | None:
         """Whether the object is there after a step."""
         ...
-
-
-class ExactAnswer:
-    """The exact posterior of a toy world, followed step by step under the model that the filter believes in.
-
-    The densities on a grid are large. Only the latest are kept; one that is needed again is worked out again.
-    """
-
-    def __init__(self, dimension: int, prior: Gaussian) -> None:
-        self._dimension, self._prior = dimension, prior
-        self._states: dict[int, Gaussian | GridDensity] = {0: prior}
-        self._seen: dict[int, tuple[Any, FloatArray]] = {}
-        self._answers: dict[int, tuple[Gaussian | GridMarginal, float]] = {}
-
-    def step(self, t: int, model: Any, observation: FloatArray) -> None:
-        """Go on to time ``t``; what came later is forgotten."""
-        self.rewind(t - 1)
-        self._seen[t] = (model, observation)
-        for time in range(max(self._states) + 1, t + 1):
-            believed, seen = self._seen[time]
-            step = believed.exact_step(self._states[time - 1], seen)
-            if step is None:
-                return
-            self._states[time] = step.posterior
-            marginal = step.posterior.leading(1 if isinstance(step.posterior, GridDensity) else self._dimension)
-            self._answers[time] = (marginal, step.log_evidence)
-        for old in sorted(self._states)[1:-_KEPT_STATES]:
-            del self._states[old]
-
-    def rewind(self, t: int) -> None:
-        """Forget what came after time ``t``."""
-        for kept in (self._states, self._seen, self._answers):
-            for later in [time for time in kept if time > t]:
-                del kept[later]
-
-    def copy(self) -> ExactAnswer:
-        """One that goes its own way from here."""
-        other = ExactAnswer(self._dimension, self._prior)
-        other._states, other._seen, other._answers = dict(self._states), dict(self._seen), dict(self._answers)
-        return other
-
-    def marginal(self, t: int) -> Gaussian | GridMarginal | None:
-        """The exact posterior of the innovation at time ``t``, where there is one."""
-        return self._answers[t][0] if t in self._answers else None
-
-    def log_evidence(self, t: int) -> float:
-        """The exact increment of log p(y_1:t); NaN where there is none."""
-        return self._answers[t][1] if t in self._answers else float("nan")
 
 
 class ToyFilm:
