@@ -52,8 +52,8 @@ def run_track(options: argparse.Namespace) -> None:
     with ExitStack() as stack:
         source = stack.enter_context(open_source(options.source, limits_of(options), options.frame_rate))
         model = _model(source, options)
-        sinks = list(_sinks(stack, options, model, source))
         interrupts = stack.enter_context(_interrupts())
+        sinks = list(_sinks(stack, options, model, source))
         count, trouble = _run(source, model, options, sinks, interrupts)
         if interrupts and not count:
             raise KeyboardInterrupt
@@ -182,7 +182,7 @@ def _sinks(stack: ExitStack, options: argparse.Namespace, model: TrackerModel, s
     if writer or sheet:
         yield lambda tracked: _draw(tracked, model, writer, sheet)
     if options.json:
-        yield lambda tracked: print(json.dumps(json_row(tracked), allow_nan=False))
+        yield lambda tracked: print(json.dumps(json_row(tracked), allow_nan=False), flush=True)
     elif not (options.csv or options.output or options.contact_sheet):
         yield _csv_rows(sys.stdout)
 
