@@ -234,7 +234,8 @@ def trace_csv(room: Room[Any]) -> Iterator[str]:
     """The lines of a table of every weighed particle of every step recorded, so that weights can be worked out again.
 
     Columns: the time; the particle; the indices of its histories among the particles that the step began with (several
-    or none where innovations were weighed before they were joined, as in HS-SIR); the components of its innovation; its
+    or none where innovations were weighed before they were joined, as in HS-SIR; of equal particles the one that was
+    drawn, where a receipt names the first); the components of its innovation; its
     weight before; one ``log_factor_...`` column for each factor that was multiplied in; and its weight after, which is
     ``weight_before * exp(sum of log factors)``, divided by the sum of these over the step. In a step without an
     observation there are no factors. Empty fields: not known, or no such factor in this step.
