@@ -164,6 +164,7 @@ def test_dynamics_are_learnt_from_positions(capfd, workplace, disc_file, monkeyp
         (b"frame,x,y\n1,2,3\n2,3,4\n", "too few"),
         (b"frame,x,y\n1,2\0,3\n", ""),
         (b"\xff\xfe\x00\x01" * 20, ""),
+        (b"frame,x,y\n1,2," + b"9" * 200_000, "field larger"),
     ],
 )
 def test_positions_that_nothing_can_be_learnt_from(capfd, workplace, disc_file, content, trouble):
@@ -300,7 +301,7 @@ def test_where_the_decoder_breaks_the_frames_before_are_kept(capfd, workplace, d
     assert message == "disc: the disc drive is on fire, after 5 frames; they are kept in out.csv, out.mp4"
     assert [row["frame"] for row in rows_of((workplace / "out.csv").read_text())] == list(range(5))
     assert listing(workplace) == ["out.csv", "out.mp4"]
-    message = message_of(run_here(capfd, *words, "--force", "--start-frame", 5))
+    message = message_of(run_here(capfd, *words, "--force", "--learn-frame", 0, "--start-frame", 5))
     assert message == "disc: the disc drive is on fire"
     assert [row["frame"] for row in rows_of((workplace / "out.csv").read_text())] == list(range(5))
 
