@@ -104,6 +104,13 @@ class Seen:
         weighed = self._traced(joined, "weight") if weighed_before else np.arange(n)
         return histories, targets, weighed
 
+    def of_innovations(self) -> tuple[IntArray, IntArray]:
+        """What became of the proposed: indices of those that were weighed, and of the weighed particles they became."""
+        weight, joins = self.stage("weight"), self.joins()
+        if weight is not None and weight.histories is None:
+            return np.arange(len(weight.particles)), np.arange(len(weight.particles))
+        return (np.empty(0, np.int64), np.empty(0, np.int64)) if joins is None else joins[1:]
+
     def _traced(self, position: int, kind: StageKind) -> IntArray:
         """``(N,)``: which particle of the last stage of ``kind`` each particle at ``position`` goes back to."""
         indices = np.arange(len(self.stages[position].particles))

@@ -152,6 +152,8 @@ class Toy1d:
             return
         values = proposed[0].innovation[:, 0]
         self._dots("toy/proposed", values, proposed[1], "proposed", palette.proposal)
+        innovations, weighed = seen.of_innovations()
+        self._board.target("toy", self._at(values[innovations], "proposed"), weighed)
         stage = seen.stage("propose")
         if stage is None:
             self._line("proposed", "x ~ p(x|qₜ)", palette.proposal, palette)

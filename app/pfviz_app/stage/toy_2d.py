@@ -130,6 +130,8 @@ class Toy2d:
         if proposed is None:
             return
         self._dots("toy/proposed", proposed[0].innovation, proposed[1], "proposed", palette.proposal)
+        innovations, weighed = seen.of_innovations()
+        self._board.target("toy", self._at(proposed[0].innovation[innovations], "proposed"), weighed)
         if seen.stage("propose") is None:
             self._floor("proposed", "x ~ p(x|qₜ)", palette.proposal, extent, palette)
         else:

@@ -155,8 +155,11 @@ class TrackerStage:
         order = np.argsort(-after.strengths, kind="stable")[:_CONTOURS]
         likely = order[after.strengths[order] > 0.05]
         outlines = close(model.contour.outlines(after.particles.innovation[likely], per_segment=2))
-        outlines = outlines[self._inside(outlines, close)]
+        inside = self._inside(outlines, close)
+        likely, outlines = likely[inside], outlines[inside]
         if len(outlines):
+            corners = outlines.reshape(-1, 2)
+            self._board.target("tracker", corners, np.repeat(after.weighed[likely], outlines.shape[1]))
             self._board.polyline("tracker/close/rims", outlines, (225, 225, 225), 2.6, 1.0, closed=True)
             self._board.polyline("tracker/close/likely", outlines, _DARK, 1.3, 2.0, closed=True)
 
