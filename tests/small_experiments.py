@@ -19,7 +19,7 @@ from pfviz.experiments import (
     unbiasedness,
 )
 from pfviz.experiments.comparison import comparison
-from pfviz.experiments.experiment import Experiment, Row
+from pfviz.experiments.experiment import Experiment, Job, Row
 from pfviz.experiments.registry import get_experiment
 from pfviz.experiments.runner import finished
 from pfviz.experiments.summary import Summary
@@ -27,6 +27,14 @@ from pfviz.experiments.summary import Summary
 PLACE = "scene:twin-near:2"
 ONE_CELL = {"system": (1.0,), "observation": (1.0,), "proposal": (1.0,)}
 _CONTESTANTS = tracking.arms(["condensation", "basic-sir", "rb-ss-hs-sir"], 0.05)
+
+
+def _few_of_the_bias(seeds: int) -> list[Job]:
+    """All ratios; of the bias over noise and proposal, the two ends of the noise."""
+    jobs = unbiasedness.jobs(seeds)
+    return [job for job in jobs if job.settings.get("proposal", 1.0) == 1.0 and job.settings.get("system") != 1.0]
+
+
 _JOBS = {
     "equal-time": partial(equal_time.jobs, filters=["condensation", "rb-ss-hs-sir"], counts=(100, 3200), frames=5),
     "tracking-error": partial(tracking.jobs, places=[PLACE], contestants=_CONTESTANTS),
@@ -38,6 +46,7 @@ _JOBS = {
         places=[PLACE],
         toy_counts=(25,),
         tracker_counts=(50,),
+        ladders=((6400,), (200,)),
     ),
     "noise-robustness": partial(
         noise_robustness.jobs,
@@ -47,7 +56,7 @@ _JOBS = {
         share=0.05,
     ),
     "recovery": partial(recovery.jobs, places=[PLACE], filters=["condensation", "rb-ss-hs-sir"], share=0.05),
-    "unbiasedness": unbiasedness.jobs,
+    "unbiasedness": _few_of_the_bias,
 }
 
 

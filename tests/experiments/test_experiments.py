@@ -47,7 +47,7 @@ def test_rows_carry_their_seed_and_settings_and_the_summary_is_whole(name):
     assert all({"place", "filter", "particles", "milliseconds"} <= set(row) for row in rows)
     assert summary.tables and summary.figures and summary.sentences
     for each in summary.tables:
-        assert each.rows, each.name
+        assert each.rows or each.name == "correlations", each.name
         assert all(len(line) == len(each.columns) for line in each.rows), each.name
         assert len(set(each.columns)) == len(each.columns), each.name
     assert len({each.name for each in summary.tables}) == len(summary.tables)
@@ -293,8 +293,8 @@ def test_evidence_ratios_tell_a_biased_filter_from_an_unbiased_one():
 def test_icondensation_is_off_where_the_noise_is_small():
     _, summary = outcome("unbiasedness")
     bias = {(line[0], line[1]): line[5] for line in table(summary, "icondensation-bias").rows}
-    small_noise, great_noise = (np.mean([bias[s, p] for p in (0.5, 1.0, 2.0, 4.0)]) for s in (0.25, 4.0))
-    assert small_noise > 0.3 > great_noise
+    assert set(bias) == {(0.25, 1.0), (4.0, 1.0)}
+    assert bias[0.25, 1.0] > 0.3 > bias[4.0, 1.0]
 
 
 def test_without_clips_there_is_one_line(monkeypatch, tmp_path):
@@ -337,7 +337,7 @@ def test_a_clip_is_tracked_against_its_truth(monkeypatch, tmp_path):
 
 
 def test_the_map_needs_no_more_than_its_cells():
-    assert len(regime_map.jobs(1, ONE_CELL, ONE_CELL, [PLACE], (25,), (50,))) == (3 + 2) + (3 + 1)
+    assert len(regime_map.jobs(1, ONE_CELL, ONE_CELL, [PLACE], (25,), (50,), ((), (9,)))) == 3 + (3 + 1)
 
 
 def test_every_experiment_has_a_small_version(monkeypatch, tmp_path):

@@ -35,12 +35,13 @@ def jobs(
     places: Sequence[str] = PLACES,
     toy_counts: Sequence[int] = _TOY_COUNTS,
     tracker_counts: Sequence[int] = _TRACKER_COUNTS,
+    ladders: tuple[Sequence[int], Sequence[int]] = (_TOY_LADDER, _TRACKER_LADDER),
 ) -> list[Job]:
     """The grid on the linear-Gaussian world, whose data are drawn with the noise of the cell, and on the films.
 
-    CONDENSATION is run with more particles as well, to hold the others against it in equal time.
+    CONDENSATION is run with the more particles of ``ladders`` as well, to hold the others against it in equal time.
     """
-    of_toy, of_tracker = _arms(toy_counts, _TOY_LADDER), _arms(tracker_counts, _TRACKER_LADDER)
+    of_toy, of_tracker = _arms(toy_counts, ladders[0]), _arms(tracker_counts, ladders[1])
     worlds = [arm.at(WORLD, steps=_TOY_STEPS, matched=True, **cell) for cell in _grid(toy) for arm in of_toy]
     films = [arm.at(place, **cell) for place in places for cell in _grid(tracker) for arm in of_tracker]
     return blocks(worlds, _TOY_SHARE * seeds, 12) + blocks(films, seeds, 2)
