@@ -24,7 +24,7 @@ from pfviz.experiments import (
     Progress,
     Summary,
     comparison,
-    get_experiment,
+    get_small_experiment,
     plain_arms,
 )
 from pfviz.experiments.charts import write_figure
@@ -88,7 +88,7 @@ class Laboratory:
     def _experiment(self, picture: Picture) -> Experiment:
         """What is chosen, with the settings on screen where it is not one of the sources'."""
         if self._what.value in _PAPERS:
-            return get_experiment(_PAPERS[self._what.value])
+            return get_small_experiment(_PAPERS[self._what.value])
         s, knob = picture.settings, _HERE[self._what.value]
         place, particles = s.world, s.toy_particles
         if self._where.value == "video":
