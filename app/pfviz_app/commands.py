@@ -167,5 +167,5 @@ def _overrides(later: Command, earlier: Command) -> bool:
     if isinstance(later, Set) and isinstance(earlier, Set):
         return later.field == earlier.field
     if isinstance(later, Drag) and isinstance(earlier, Drag):
-        return not earlier.end
+        return not earlier.end and not later.end
     return type(later) is type(earlier) and isinstance(later, Seek | Resize)

@@ -2,7 +2,7 @@
 
 from hypothesis import given
 from hypothesis import strategies as st
-from pfviz_app.commands import Click, Close, Play, Reset, Resize, Seek, Set, Step, Walk, merged
+from pfviz_app.commands import Click, Close, Drag, Play, Reset, Resize, Seek, Set, Step, Walk, merged
 
 COMMANDS = st.one_of(
     st.builds(Set, st.sampled_from(["system", "seed"]), st.integers(0, 3)),
@@ -27,6 +27,11 @@ def test_of_a_run_of_one_slider_the_last_value_stays():
 
 def test_of_a_run_of_seeks_or_sizes_the_last_stays():
     assert merged([Seek(1), Seek(5), Resize(10, 10), Resize(20, 10), Seek(2)]) == [Seek(5), Resize(20, 10), Seek(2)]
+
+
+def test_of_a_drag_the_last_place_and_the_end_stay():
+    drag, end = [Drag(x, 0.0) for x in (1.0, 1.5)], Drag(1.5, 0.0, end=True)
+    assert merged([*drag, end, *drag]) == [drag[1], end, drag[1]]
 
 
 def test_what_counts_every_time_is_kept():
