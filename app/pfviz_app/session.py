@@ -373,9 +373,11 @@ class Session:
     def _drag(self, x: float, y: float, end: bool) -> None:
         """Put the target where the pointer is: in the step on screen, or while playing in every step to come."""
         place = self._view.toy_place(x, y)
-        if self._playing:
-            self._grip = None if end else place
-        elif place is not None and self._t > self._earliest and not end:
+        if end:
+            self._grip = None
+        elif self._playing:
+            self._grip = place
+        elif place is not None and self._t > self._earliest:
             self._lane.toy.film.hold(self._t, place)
             self._rerun(self._lanes)
 

@@ -664,6 +664,14 @@ def test_while_it_plays_the_target_stays_in_the_hand(visit):
     assert picture.message == ""
 
 
+def test_the_hand_lets_go_even_if_it_is_paused_meanwhile(visit):
+    visit.do(Step(2), Play())
+    visit.session.post(Drag(1.25, 0.0))
+    visit.screen.wait_for(lambda picture: len(picture.toy.film.held) >= 2)
+    held = len(visit.do(Play(False), Drag(1.25, 0.0, end=True)).toy.film.held)
+    assert len(visit.do(Step(2)).toy.film.held) == held
+
+
 def test_before_the_first_step_there_is_nothing_to_drag(visit):
     picture = visit.do(Drag(1.0, 0.0))
     assert (picture.t, picture.toy.film.held, picture.message) == (0, {}, "")
