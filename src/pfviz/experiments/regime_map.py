@@ -23,7 +23,7 @@ _TOY = {"system": (0.1, 0.3, 1.0, 3.0), "observation": (0.1, 0.3, 1.0, 3.0), "pr
 _TRACKER = {"system": (0.5, 1.0, 2.0, 4.0), "observation": (0.5, 1.0, 2.0), "proposal": (1.0,)}
 _TOY_COUNTS, _TRACKER_COUNTS = (25, 100, 400), (100, 400, 1200)
 _TOY_LADDER, _TRACKER_LADDER = (1600, 6400), (2400,)
-_TOY_STEPS, _TOY_SHARE = 40, 3
+_TOY_STEPS, _TOY_SHARE = 40, 5
 FILTERS_SHOWN = ("condensation", "basic-sir", "rb-ss-hs-sir")
 _DUEL = _BASE, _RIVAL = "condensation", "rb-ss-hs-sir"
 
@@ -44,7 +44,7 @@ def jobs(
     of_toy, of_tracker = _arms(toy_counts, ladders[0]), _arms(tracker_counts, ladders[1])
     worlds = [arm.at(WORLD, steps=_TOY_STEPS, matched=True, **cell) for cell in _grid(toy) for arm in of_toy]
     films = [arm.at(place, **cell) for place in places for cell in _grid(tracker) for arm in of_tracker]
-    return blocks(worlds, _TOY_SHARE * seeds, 12) + blocks(films, seeds, 2)
+    return blocks(worlds, _TOY_SHARE * seeds, 10) + blocks(films, seeds, 2)
 
 
 def _arms(counts: Sequence[int], ladder: Sequence[int]) -> list[Arm]:
