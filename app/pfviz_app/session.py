@@ -47,7 +47,7 @@ from pfviz_app.lane import Lane
 from pfviz_app.picture import Picture, View
 from pfviz_app.scenarios import find_scenario
 from pfviz_app.settings import ITSELF, NOBODY, RUNNING, SettingError, Settings
-from pfviz_app.share import Shared, decode
+from pfviz_app.share import CORNER_DIGITS, PLACE_DIGITS, Shared, decode
 
 log = logging.getLogger(__name__)
 
@@ -372,7 +372,7 @@ class Session:
 
     def _drag(self, x: float, y: float, end: bool) -> None:
         """Put the target where the pointer is: in the step on screen, or while playing in every step to come."""
-        place = self._view.toy_place(x, y)
+        place = self._place(x, y)
         if end:
             self._grip = None
         elif self._playing:
@@ -380,6 +380,13 @@ class Session:
         elif place is not None and self._t > self._earliest:
             self._lane.toy.film.hold(self._t, place)
             self._rerun(self._lanes)
+
+    def _place(self, x: float, y: float) -> FloatArray | None:
+        """The place in the toy's world at a pixel, as exactly as a share code says it; None where it shows none."""
+        place, dimension = self._view.toy_place(x, y), self._lane.toy.film.world.model.dynamics.dimension
+        if place is None or len(place) != dimension or not np.isfinite(place).all():
+            return None
+        return np.round(place, PLACE_DIGITS)
 
     def _select(self, *corners: Point) -> None:
         """Follow what lies between two opposite corners, from the frame on screen on."""
@@ -401,8 +408,9 @@ class Session:
 
     def _follow(self, outline: tuple[Point, ...]) -> None:
         film = self._tracker_film
+        corners = tuple((round(x, CORNER_DIGITS), round(y, CORNER_DIGITS)) for x, y in outline)
         try:
-            self._tracker_film = film.following(Start(film.frame_index(self._t), outline))
+            self._tracker_film = film.following(Start(film.frame_index(self._t), corners))
         except ValueError as error:
             raise SettingError(f"There is nothing to follow there: {error}") from None
         self._playing = False

@@ -14,6 +14,8 @@ from pfviz_app.films import Start
 from pfviz_app.settings import RUNNING, SettingError, Settings
 
 _CODE = "pf2-"
+PLACE_DIGITS, CORNER_DIGITS = 4, 1
+"""How exactly a code says where the target was put, and where the corners of an outline are."""
 _LONGEST, _LATEST, _FARTHEST, _MOST_CORNERS = 65_536, 2000, 1e6, 1000
 Changes = tuple[tuple[int, Settings], ...]
 
@@ -73,9 +75,9 @@ def encode(shared: Shared) -> str:
         if steps and (key == "rivals" or any(_differences(settings, shared.settings) for _, settings in steps)):
             values[key] = [[t, _differences(settings, shared.settings)] for t, settings in steps]
     if shared.held:
-        values["held"] = [[t, *(round(x, 4) for x in place)] for t, place in sorted(shared.held.items())]
+        values["held"] = [[t, *(round(x, PLACE_DIGITS) for x in place)] for t, place in sorted(shared.held.items())]
     if shared.start is not None:
-        values["start"] = [shared.start.frame, *([round(x, 1) for x in row] for row in shared.start.outline)]
+        values["start"] = [shared.start.frame, *([round(x, CORNER_DIGITS) for x in row] for row in shared.start.outline)]
     text = json.dumps(values, separators=(",", ":"))
     return _CODE + base64.urlsafe_b64encode(zlib.compress(text.encode(), 9)).decode().rstrip("=")
 

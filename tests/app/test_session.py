@@ -619,6 +619,32 @@ def test_a_share_code_brings_back_exactly_this_for_somebody_else(visit, rival):
         assert encode(again.shared) == code
 
 
+def brought_back(picture):
+    """What somebody else sees who opens the code of a picture: the same."""
+    with Visit(Settings()) as other:
+        again = other.do(Open(encode(picture.shared)))
+    assert (again.t, again.stage, again.message) == (picture.t, picture.stage, "")
+    times = range(1, picture.t + 1)
+    assert fingerprints(again.lane, times) == fingerprints(picture.lane, times)
+    if picture.rival is not None:
+        assert fingerprints(again.rival, times) == fingerprints(picture.rival, times)
+    return again
+
+
+def test_a_code_says_exactly_where_the_target_was_put(visit):
+    brought_back(visit.do(Step(3), Drag(1 / 3, 0.0), Step(2)))
+
+
+def test_a_code_says_exactly_what_was_selected(visit):
+    brought_back(visit.do(Step(3), Select(17.03, 28.06, 35.011, 44.02), Step(3)))
+
+
+def test_a_place_of_another_world_is_none_in_this_one(visit):
+    visit.do(Set("world", "plane"), Step(2))
+    picture = visit.do(Drag(1.0, 0.0), Drag(float("nan"), 0.0))
+    assert (picture.toy.film.held, picture.message) == ({}, "")
+
+
 def test_a_code_that_cannot_be_opened_loses_nothing(visit):
     visit.do(Step(3))
     picture = visit.do(Open("nonsense"))
