@@ -30,6 +30,7 @@ from pfviz.experiments import (
 from pfviz.experiments.charts import write_figure
 from pfviz_app.commands import Ask, Command
 from pfviz_app.picture import Picture
+from pfviz_app.sending import send
 from pfviz_app.settings import ITSELF, NOBODY
 
 _AT_ONCE = 2
@@ -102,19 +103,26 @@ class Laboratory:
 
     def _progressed(self, progress: Progress) -> None:
         """Called in the experiment's thread."""
-        over = progress.state != "running"
-        now = time.monotonic()
-        if over or now - self._shown_at > _PERIOD:
-            self._shown_at = now
-            self._bar.value = round(100.0 * progress.share)
-            if self._live is not None and progress.rows:
-                self._show(self._live.summary)
-        if over:
-            _FREE.release()
-            self._live = None
-            self._button.label, self._bar.visible = _RUN, False
-            if progress.error:
-                self._say(progress.error)
+        over, now = progress.state != "running", time.monotonic()
+        try:
+            if over or now - self._shown_at > _PERIOD:
+                self._shown_at = now
+                send(lambda: self._show_progress(progress))
+        finally:
+            if over:
+                _FREE.release()
+                self._live = None
+                send(lambda: self._end(progress))
+
+    def _show_progress(self, progress: Progress) -> None:
+        self._bar.value = round(100.0 * progress.share)
+        if self._live is not None and progress.rows:
+            self._show(self._live.summary)
+
+    def _end(self, progress: Progress) -> None:
+        self._button.label, self._bar.visible = _RUN, False
+        if progress.error:
+            self._say(progress.error)
 
     def _show(self, summary: Summary) -> None:
         sentences = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in summary.sentences[:12])

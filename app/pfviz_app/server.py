@@ -24,6 +24,7 @@ from pfviz_app.commands import Click, Drag, Resize
 from pfviz_app.controls import Controls
 from pfviz_app.films import Point, Start, VideoSetup
 from pfviz_app.picture import Pick, Picture
+from pfviz_app.sending import send
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
 from pfviz_app.stage.stage import Stage
@@ -54,8 +55,8 @@ class Visitor:
         self.session.close()
 
     def draw(self, picture: Picture) -> None:
-        self._stage.draw(picture)
-        self._controls.show(picture)
+        send(partial(self._stage.draw, picture))
+        send(partial(self._controls.show, picture))
 
     def resize(self, width: int, height: int) -> None:
         self._stage.resize(width, height)
