@@ -67,10 +67,14 @@ class Room(Generic[F]):
     def step(self) -> StepRecord:
         """Run the filter on the next observation and record it.
 
+        The first step draws its particles from the prior once more: it may be under other settings by now.
+
         Raises:
             EndOfVideo: when the film is over.
         """
         t = self.trace.last + 1
+        if t == 1:
+            self.trace.initial = self._filter.initial(step_rng(self._seed, 0), self._model)
         particles = self._resized(self.trace.particles, t)
         presence = self._outcomes[-1].presence if self._outcomes else self.film.presence
         model = self.film.given(self._model, presence)

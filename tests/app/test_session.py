@@ -639,6 +639,13 @@ def test_a_code_says_exactly_what_was_selected(visit):
     brought_back(visit.do(Step(3), Select(17.03, 28.06, 35.011, 44.02), Step(3)))
 
 
+@pytest.mark.parametrize(
+    "redo", [[Set("toy_particles", 20)], [Step(), Set("toy_particles", 20), Seek(1), Drag(0.5, 0.0)]]
+)
+def test_a_code_brings_back_a_first_step_that_was_done_again_with_more_particles(visit, redo):
+    brought_back(visit.do(Step(), *redo, Set("tracker_particles", 20), Step(2)))
+
+
 def test_a_place_of_another_world_is_none_in_this_one(visit):
     visit.do(Set("world", "plane"), Step(2))
     picture = visit.do(Drag(1.0, 0.0), Drag(float("nan"), 0.0))
