@@ -24,8 +24,8 @@ from pfviz_app.stage.palette import Colours, Rgb, blend
 _ROOT = "/board"
 _FIELD_OF_VIEW = 0.12
 _UPRIGHT = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
-_THICKNESSES = (1.0, 1.5, 2.2, 3.2)
-_SIZES = (0.5, 0.75, 1.0, 1.4)
+_THICKNESSES = (1.0, 1.8, 3.0)
+_SIZES = (0.5, 0.85, 1.3)
 _TEXT_DEPTH = 30.0
 _REACH = 16.0
 Anchor = Literal["left", "centre", "right"]
