@@ -32,7 +32,7 @@ from pfviz.vision.tracker import TrackerModel
 from pfviz.vision.video import VideoError, VideoSource, end_note, open_source
 from pfviz_app.outputs import check_outputs, replacing
 from pfviz_app.progress import Progress
-from pfviz_app.start_box import learn_from_start
+from pfviz_app.start_box import frame_of, learn_from_start
 
 Sink = Callable[[TrackedFrame], None]
 
@@ -56,6 +56,7 @@ def run_track(options: argparse.Namespace) -> None:
         sinks = list(_sinks(stack, options, model, source))
         count, trouble = _run(source, model, options, sinks, interrupts)
         if interrupts and not count:
+            _say("interrupted before the first frame")
             raise KeyboardInterrupt
         note = end_note(source)
     names = ", ".join(display_name(name) for name in outputs.values() if name)
@@ -119,6 +120,7 @@ def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:
     chosen = {"model": options.model, "shape": options.shape, "dynamics": dynamics}
     frame = options.start_frame if options.learn_frame is None else options.learn_frame
     known = frame == options.start_frame
+    frame_of(source, options.start_frame, "--start-frame")
     model = learn_from_start(
         source,
         options.box,

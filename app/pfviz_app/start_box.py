@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from pfviz.vision.tracker import DEFAULT_MODEL, TrackerModel, learn_tracker
-from pfviz.vision.video import Box, EndOfVideo, VideoError, VideoSource, suggested_box
+from pfviz.vision.video import Box, EndOfVideo, Image, VideoError, VideoSource, suggested_box
 
 Polygon = Sequence[tuple[float, float]]
 
@@ -37,10 +37,7 @@ def learn_from_start(
         VideoError: if there is no such frame, or no box.
         ValueError: if the box or polygon does not fit the frame, or there is no such model.
     """
-    try:
-        image = source.read(start_frame)
-    except EndOfVideo:
-        raise VideoError(f"{option} {start_frame}: {source.name} has only {source.frame_count} frames") from None
+    image = frame_of(source, start_frame, option)
     if polygon is not None:
         check_polygon(polygon, source.size)
     elif box is None:
@@ -49,6 +46,18 @@ def learn_from_start(
             where = f"where is the object in frame {start_frame} of {source.name}?"
             raise VideoError(f"--box is missing: {where} Give x,y,w,h (or --polygon)")
     return learn_tracker(image, box, polygon, frame_rate=source.frame_rate, model=model, **assumed)
+
+
+def frame_of(source: VideoSource, index: int, option: str) -> Image:
+    """Frame ``index``, which the user asks for by ``option``.
+
+    Raises:
+        VideoError: if there is no such frame; the message names the option.
+    """
+    try:
+        return source.read(index)
+    except EndOfVideo:
+        raise VideoError(f"{option} {index}: {source.name} has only {source.frame_count} frames") from None
 
 
 def check_polygon(polygon: Polygon, size: tuple[int, int]) -> None:

@@ -201,9 +201,13 @@ def test_the_working_width(capfd, disc_file, monkeypatch, width, scale):
     assert models[0].extractor.working_scale == scale
 
 
-def test_a_learn_frame_past_the_end(capfd, disc_file):
+def test_a_learn_frame_or_a_start_frame_past_the_end(capfd, workplace, disc_file):
     message = message_of(run_here(capfd, "track", disc_file, "--box", BOX, "--learn-frame", 12))
     assert "--learn-frame 12" in message and "12 frames" in message
+    words = ("--learn-frame", 3, "--start-frame", 12, "--csv", "out.csv")
+    message = message_of(run_here(capfd, "track", disc_file, "--box", BOX, *words))
+    assert message == "--start-frame 12: disc.mp4 has only 12 frames"
+    assert listing(workplace) == []
 
 
 @pytest.mark.parametrize("option", ["--csv", "--output", "--contact-sheet"])
@@ -276,7 +280,7 @@ def test_an_interrupt_before_the_first_frame_leaves_nothing(capfd, workplace, di
     monkeypatch.setattr(commands_track, "_run", lambda *_: (0, None))
     monkeypatch.setattr(commands_track, "_interrupts", lambda: nullcontext([signal.SIGINT]))
     outcome = run_here(capfd, "track", disc_file, "--box", BOX, "--csv", "out.csv", "--output", "out.mp4")
-    assert outcome.code == 130
+    assert (outcome.code, outcome.err) == (130, "pfviz: interrupted before the first frame\n")
     assert listing(workplace) == []
 
 
