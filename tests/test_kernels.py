@@ -942,3 +942,15 @@ def test_systematic_twins_agree():
 def test_bad_systematic_arguments_are_named(systematic, arguments, message):
     with pytest.raises(ValueError, match=message):
         systematic(*arguments)
+
+
+def test_where_arrays_lie_in_memory_does_not_change_a_digit(compiled_module):
+    n, buffer = 12, np.empty(400)
+    log_weights = np.log(np.random.default_rng(0).random(n))
+    found = set()
+    for places in ((0, 12, 24), (24, 12, 0), (12, 0, 24), (0, 100, 200), (200, 14, 100)):
+        given, normalised, weights = (buffer[place : place + n] for place in places)
+        given[:] = log_weights
+        sums = compiled_module.normalise_log_weights(given, log_weights.max(), normalised, weights)
+        found.add((*sums, normalised.tobytes(), weights.tobytes()))
+    assert len(found) == 1

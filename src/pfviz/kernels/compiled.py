@@ -599,15 +599,18 @@ def systematic_ancestors(weights, offset, ancestors):
 
 @kernel(types.UniTuple(f8, 2)(_in(f8, 1), f8, _out(f8, 1), _out(f8, 1)), fastmath=FAST)
 def normalise_log_weights(log_weights, peak, normalised, weights):
-    """Fills ``normalised`` and ``weights``; returns the log of the sum and the effective sample size."""
+    """Fills ``normalised`` and ``weights``; returns the log of the sum and the effective sample size.
+
+    The sums have a loop without writing: one that writes is vectorised only where the arrays lie far enough apart in
+    memory, and the order of a sum, with it the last digit, would depend on where a few particles happen to lie.
+    """
     total = 0.0
     squares = 0.0
     for i in range(len(log_weights)):
-        t = (log_weights[i] - peak) * 1.4426950408889634
-        w = _exp2(t)
-        weights[i] = w
-        total += w
-        squares += w * w
+        weights[i] = _exp2((log_weights[i] - peak) * 1.4426950408889634)
+    for i in range(len(weights)):
+        total += weights[i]
+        squares += weights[i] * weights[i]
     log_sum = peak + math.log(total)
     scale = 1.0 / total
     for i in range(len(log_weights)):
