@@ -315,9 +315,10 @@ class Session:
                 lane.rewind(self._t)
             self._lane.toy.film.hold(self._t + 1, self._grip)
         try:
-            for lane in self._lanes:
-                if lane.last == self._t:
-                    lane.step()
+            if self._lane.last == self._t:
+                self._lane.step()
+            if self._rival and self._rival.last == self._t:
+                self._step_rival(self._rival)
         except EndOfVideo:
             self._playing = False
             note = end_note(self._tracker_film.source)
@@ -327,6 +328,12 @@ class Session:
             return False
         self._t, self._stage, self._chosen = self._t + 1, None, None
         return True
+
+    def _step_rival(self, rival: Lane) -> None:
+        """Under the settings of our own step; a lane that is kept goes on under its own."""
+        if self._settings.rival != ITSELF:
+            rival.configure(replace(self._lane.log[self._t], filter=self._settings.rival))
+        rival.step()
 
     def _walk(self, count: int) -> None:
         """Stage by stage: forward into the next iteration after the posterior, back into the last one."""

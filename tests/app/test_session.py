@@ -582,6 +582,13 @@ def test_a_rival_is_run_again_under_the_settings_of_each_step(visit):
     assert deviations[1] == deviations[2] == deviations[3] == pytest.approx(9.0 * deviations[0])
 
 
+def test_a_rival_of_what_is_recorded_runs_under_the_settings_of_each_step(visit):
+    visit.do(Step(3), Set("system", 2.0), Step(), Set("system", 3.0), Seek(1), Set("rival", "condensation"))
+    picture = visit.do(Step(2))
+    assert [settings.system for settings in picture.rival.log] == [1.0, 1.0, 2.0]
+    brought_back(picture)
+
+
 def test_a_branch_keeps_what_was_and_lets_go_what_is(visit):
     picture = visit.do(Step(6), Seek(4), Keep())
     kept = fingerprints(picture.rival, range(1, 7))
