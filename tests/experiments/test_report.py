@@ -77,3 +77,15 @@ def test_the_report_holds_every_sentence_table_and_figure(tmp_path):
     assert "comparison.svg" in text
     assert (tmp_path / "comparison.svg").is_file()
     assert "--seeds 5" in text and "cores 2" in text
+
+
+def test_intervals_make_no_room_and_logarithmic_axes_have_lines_in_them(tmp_path):
+    x, y = np.array([1.0, 10.0]), np.array([0.4, 0.6])
+    narrow, wide = (Curve("A", x, y, y - reach, y + reach) for reach in (0.0, 900.0))
+    images = []
+    for curve in (narrow, wide):
+        figure = CurveFigure("one", "One", "x", "y", (CurvePanel("", (curve,)),), log_x=True, log_y=True)
+        images.append(cv2.imread(str(write_figure(figure, tmp_path)[0])))
+    blue = [np.argwhere((image[..., 0] > 150) & (image[..., 2] < 60)) for image in images]
+    assert np.ptp(blue[0], axis=0).min() > 100, "the line crosses the picture"
+    assert np.abs(np.ptp(blue[0], axis=0) - np.ptp(blue[1], axis=0)).max() < 5

@@ -35,6 +35,7 @@ def write_figure(figure: Figure, folder: Path) -> tuple[Path, Path]:
 
 
 def _draw_curves(canvas: Any, figure: CurveFigure) -> None:
+    """The axes fit the lines; intervals are drawn last and make no room, since with few runs they are very wide."""
     count = max(1, len(figure.panels))
     across = min(count, 3)
     down = -(-count // across)
@@ -42,17 +43,19 @@ def _draw_curves(canvas: Any, figure: CurveFigure) -> None:
     axes = canvas.subplots(down, across, squeeze=False, sharey=figure.shared_y).ravel()
     labels = list(dict.fromkeys(curve.label for panel in figure.panels for curve in panel.curves))
     for axis, panel in zip(axes, figure.panels, strict=False):
-        for curve in panel.curves:
-            _draw_line(axis, curve, labels.index(curve.label))
-        for curve in panel.curves:
-            _draw_interval(axis, curve, labels.index(curve.label))
-        axis.set_title(panel.title)
-        axis.set_xlabel(figure.x_label)
         axis.set_xscale("log" if figure.log_x else "linear")
         axis.set_yscale("log" if figure.log_y else "linear")
+        for curve in panel.curves:
+            _draw_line(axis, curve, labels.index(curve.label))
         if figure.log_x:
             _name_ticks(axis, panel)
+        axis.set_title(panel.title)
+        axis.set_xlabel(figure.x_label)
         axis.grid(alpha=0.25)
+    for axis, panel in zip(axes, figure.panels, strict=False):
+        axis.autoscale(False)
+        for curve in panel.curves:
+            _draw_interval(axis, curve, labels.index(curve.label))
     for axis in axes[::across]:
         axis.set_ylabel(figure.y_label)
     for axis in axes[len(figure.panels) :]:
@@ -80,11 +83,9 @@ def _draw_line(axis: Any, curve: Curve, index: int) -> None:
 
 
 def _draw_interval(axis: Any, curve: Curve, index: int) -> None:
-    """Without making room for it: with few runs intervals can be very wide."""
     if curve.low is not None and curve.high is not None:
-        colour, limits = COLOURS[index % len(COLOURS)], axis.get_ylim()
+        colour = COLOURS[index % len(COLOURS)]
         axis.fill_between(curve.x, curve.low, curve.high, color=colour, alpha=0.13, linewidth=0)
-        axis.set_ylim(limits)
 
 
 def _name_ticks(axis: Any, panel: CurvePanel) -> None:

@@ -7,7 +7,7 @@ of frames of 240 x 180, which is how the second text is read here; it gives no u
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -185,6 +185,11 @@ def distance_matrix(rows: Sequence[Row]) -> FloatArray:
     return matrix
 
 
+def without_interval(curve: Curve) -> Curve:
+    """The line alone, where there are too many to shade."""
+    return replace(curve, low=None, high=None)
+
+
 CurveMaker = Callable[[str, Sequence[Row]], Curve]
 
 
@@ -217,6 +222,7 @@ def curves_of(rows: Sequence[Row], make: CurveMaker, name: str, title: str, y_la
                 CurvePanel(kind, tuple(make(label, same) for (label,), same in grouped(members, "label").items()))
                 for kind, members in together.items()
             ]
+            panels[1:] = [CurvePanel(panel.title, tuple(map(without_interval, panel.curves))) for panel in panels[1:]]
             figures.append(CurveFigure(name + suffix, title + what, "frame", y_label, tuple(panels)))
     return tuple(figures)
 
