@@ -145,6 +145,24 @@ def test_it_is_positive_everywhere_in_the_frame(detector):
     assert np.isfinite(proposal.log_density(np.stack([x.ravel(), y.ravel()], axis=1))).all()
 
 
+def test_a_gate_keeps_its_share_for_what_lies_within_it_and_the_rest_for_everything(detector):
+    plain = detector.detect(ratio_with((60.0, 60.0), (180.0, 120.0)))
+    gated = plain.gated(np.array([62.0, 58.0]), 15.0, 0.6)
+    rows, columns = plain.probabilities.shape
+    x, y = np.meshgrid((np.arange(columns) + 0.5) * plain.cell[0], (np.arange(rows) + 0.5) * plain.cell[1])
+    window = np.exp(-0.5 * ((x - 62.0) ** 2 + (y - 58.0) ** 2) / 15.0**2) * plain.probabilities
+    np.testing.assert_allclose(gated.probabilities, 0.4 * plain.probabilities + 0.6 * window / window.sum())
+    assert (gated.probabilities >= 0.4 * plain.probabilities - 1e-15).all()
+    draws = gated.sample(np.random.default_rng(0), 4000)
+    one, other = ((np.hypot(*(draws - at).T) < 20.0).mean() for at in ([60, 60], [180, 120]))
+    assert one > 3.0 * other > 0.3
+
+
+def test_a_gate_on_nothing_is_left_open():
+    proposal = GridProposal(np.eye(4), (400, 400))
+    assert proposal.gated(np.array([5000.0, 5000.0]), 10.0, 0.6) is proposal
+
+
 @pytest.mark.parametrize("floor", [0.0, 0.1])
 def test_a_less_sure_detector_is_flatter(detector, floor):
     ratio, detector = ratio_with((60.0, 60.0)), replace(detector, floor=floor)

@@ -11,6 +11,7 @@ import pytest
 from pfviz.filters import make_filter
 from pfviz.randomness import step_rng
 from pfviz.vision.drawing import VideoWriter, draw_track, likely_states
+from pfviz.vision.presence import AT_START
 from pfviz.vision.scenes import Scene
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track, write_csv
 from pfviz.vision.tracker import TrackerModel, learn_tracker
@@ -65,8 +66,10 @@ def test_equal_seeds_give_equal_rows_and_others_do_not(scene, model):
 
 def test_any_step_can_be_replayed_alone(scene, model):
     filter = make_filter("rb-ss-hs-sir", n_particles=100)
+    presence = AT_START
     for t, item in enumerate(run(scene, model, seed=5), start=1):
-        again = filter.step(step_rng(5, t), model, item.record.previous, model.observe(item.image))
+        again = filter.step(step_rng(5, t), model.given(presence), item.record.previous, model.observe(item.image))
+        presence = item.presence
         np.testing.assert_array_equal(again.posterior.states, item.record.posterior.states)
         np.testing.assert_array_equal(again.posterior.log_weights, item.record.posterior.log_weights)
 

@@ -76,6 +76,22 @@ class GridProposal:
         rows, columns = np.divmod(drawn, self.probabilities.shape[1])
         return (np.stack([columns, rows], axis=1) + rng.random((count, 2))) * self.cell
 
+    def gated(self, centre: FloatArray, spread: float, share: float) -> GridProposal:
+        """A mixture of this density and, with weight ``share``, of the same times a Gaussian window.
+
+        The window has its ``centre (2,)`` and standard deviation ``spread`` in pixels. Where there is nothing within
+        it, this density itself.
+        """
+        rows, columns = self.probabilities.shape
+        x, y = ((np.arange(n) + 0.5) * side for n, side in zip((columns, rows), self.cell, strict=True))
+        windows = (np.exp(-0.5 * np.square((at - c) / spread)) for at, c in zip((x, y), centre, strict=True))
+        across, down = windows
+        near = self.probabilities * down[:, None] * across
+        total = float(near.sum())
+        if not total > 1e-12:
+            return self
+        return replace(self, probabilities=(1.0 - share) * self.probabilities + share / total * near)
+
     def log_density(self, proposed: FloatArray) -> FloatArray:
         """``(N,)``: the log-density at ``proposed (N, 2)``; minus infinity outside the image."""
         rows, columns = self.probabilities.shape

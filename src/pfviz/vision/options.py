@@ -38,7 +38,7 @@ class TrackerOptions:
     motion_strength: float = 8.0
     position_noise: float = 0.02
     rotation_noise: float = 0.04
-    scale_noise: float = 0.015
+    scale_noise: float = 0.008
     stretch_noise: float = 0.015
     keep: tuple[float, float, float, float] = (0.9, 0.9, 0.8, 0.7)
     scale_spring: float = 0.002

@@ -30,12 +30,14 @@ class Presence:
         probability: of the object being there, given the scores so far.
         tracked: the verdict; with hysteresis, so that it does not flicker.
         score: of the latest estimate; NaN before the first and where there was nothing to observe.
+        expected: where the object will be in the next frame, in pixels; None where that is not known.
         patch: ``(M,)``, how the object looked there, where the model measures implicit motion.
     """
 
     probability: float
     tracked: bool
     score: float = float("nan")
+    expected: tuple[float, float] | None = None
     patch: FloatArray | None = field(default=None, compare=False, repr=False)
 
     @property
@@ -73,7 +75,7 @@ class PresenceRule:
     background_score: float
     lost_share: float = 0.55
     found_share: float = 0.3
-    weight: float = 6.0
+    weight: float = 8.0
     change: float = 0.05
     margin: float = 0.25
 
@@ -90,6 +92,11 @@ class PresenceRule:
     def found_threshold(self) -> float:
         """The score above which a lost object seems to be found."""
         return self.object_score - self.found_share * self.gap
+
+    @property
+    def hopeless_threshold(self) -> float:
+        """The score below which a single frame is enough: the estimate lies on background."""
+        return 0.5 * (self.lost_threshold + self.background_score)
 
     def log_odds(self, score: float, tracked: bool) -> float:
         """What ``score`` says for (positive) or against the object being there."""

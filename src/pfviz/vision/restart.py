@@ -12,6 +12,7 @@ from pfviz.filters.registry import Filter
 from pfviz.particles import ParticleSet
 from pfviz.randomness import Streams
 from pfviz.record import Stage, StepRecord
+from pfviz.vision.presence import NOT_YET_FOUND
 from pfviz.vision.tracker import TrackerModel
 
 
@@ -26,13 +27,14 @@ class Restarting:
     soon as it looks a little more like the object than the object does, in frame after frame, as if frames were
     independent. In N equal particles a place that is believed in with less than 1/N has probably none. Unbiased.
 
-    *Restarts*, while the model says that the object is lost (``TrackerModel.searching``) and as long as the estimate's
-    score in the frame is below that at which it would count as found. The last ``share`` of the copies made by the
-    resampling are replaced by states drawn from the model's prior of an object that may be anywhere, moved to where the
-    detector points, u ~ pi(u | y), velocity and all. They have no history (-1), as the re-initialised particles of
-    ICondensation (Isard & Blake 1998), and are weighed for the first time in the next step, by whatever ``filter`` does
-    there. That puts in a probability that the dynamics know nothing of, where the data point, so the evidence of a run
-    with restarts in it is biased.
+    *Restarts*, while the model says that the object is lost (``TrackerModel.searching``), as long as the estimate's
+    score in the frame is below that at which it would count as found; and at once where the score is that of
+    background, as when the object has turned back more sharply than the dynamics can follow. The last ``share`` of the
+    copies made by the resampling are replaced by states drawn from the model's prior of an object that may be anywhere,
+    moved to where the detector points, u ~ pi(u | y), velocity and all. They have no history (-1), as the
+    re-initialised particles of ICondensation (Isard & Blake 1998), and are weighed for the first time in the next step,
+    by whatever ``filter`` does there. That puts in a probability that the dynamics know nothing of, where the data
+    point, so the evidence of a run with restarts in it is biased.
 
     Attributes:
         filter: what runs.
@@ -55,8 +57,9 @@ class Restarting:
         if record.condition == "missing":
             return record
         count = round(self.share * len(record.posterior))
-        lost = getattr(model, "searching", False) and model.score(record) < model.presence_rule.found_threshold
-        if lost and count:
+        rule = model.presence_rule
+        threshold = rule.found_threshold if model.searching else rule.hopeless_threshold
+        if count and model.score(record) < threshold:
             return steps.extend(record, _restarted(Streams(rng), model, record, count))
         if record.stage("resample") is None:
             return steps.extend(record, steps.select(Streams(rng), record.stages[-1], "systematic"))
@@ -66,9 +69,10 @@ class Restarting:
 def _restarted(streams: Streams, model: TrackerModel, record: StepRecord, count: int) -> Stage:
     """The posterior resampled, its last ``count`` particles begun anew."""
     kept = steps.resample(streams, record.posterior, "systematic")
-    proposal = model.proposal(record.observation)
+    lost = model.given(NOT_YET_FOUND)
+    proposal = lost.proposal(record.observation)
     places = proposal.sample(streams.of("propose"), count)
-    fresh = model.sample_prior(streams.of("prior"), count)
+    fresh = lost.sample_prior(streams.of("prior"), count)
     chosen = list(proposal.components)
     fresh[:, :, chosen] += (places - fresh[:, 0, chosen])[:, None, :]
     states = np.array(kept.particles.states)

@@ -52,6 +52,7 @@ MODELS = {
 }
 _ANYWHERE = np.array([0.3, 0.1, 0.05, 0.05])
 _BACKGROUND_PLACES = 256
+_WINDOW, _WINDOW_SHARE = 0.5, 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,6 +101,7 @@ class TrackerModel:
         presence_rule: when the object counts as lost, and as found.
         histogram_likelihood: of the colour histograms, None where ``name`` does not use it.
         motion_likelihood: of the look a frame ago, None where ``name`` does not use it.
+        expected: where the object is thought to be, in pixels, from the frames before; None where that is not known.
         patch_before: ``(M,)``, the look a frame ago; None where the object was not tracked then, or nothing needs it.
         searching: whether the object is lost: the prior is then that of an object that may be anywhere in the frame,
             and a ``Restarting`` filter looks for it.
@@ -117,6 +119,7 @@ class TrackerModel:
     presence_rule: PresenceRule
     histogram_likelihood: HistogramLikelihood | None = None
     motion_likelihood: MotionLikelihood | None = None
+    expected: tuple[float, float] | None = None
     patch_before: FloatArray | None = None
     searching: bool = False
 
@@ -151,8 +154,16 @@ class TrackerModel:
         return parts
 
     def proposal(self, observation: FrameFeatures) -> GridProposal:
-        """The blob detector's answer for the frame: a density of x and y."""
-        return observation.proposal
+        """The blob detector's answer for the frame: a density of x and y.
+
+        While the object is tracked, half of it is the same within a window about where the object is expected, so that
+        the particles are not shared out evenly among all that look alike. The window depends on frames before this one,
+        not on this one, and the density is known exactly, so the weights are right as before.
+        """
+        if self.expected is None:
+            return observation.proposal
+        spread = _WINDOW * self.contour.size + 2.0 * float(np.sqrt(self.dynamics.noise_covariance[0, 0]))
+        return observation.proposal.gated(np.array(self.expected), spread, _WINDOW_SHARE)
 
     def sample_prior(self, rng: np.random.Generator, count: int) -> FloatArray:
         """``(count, p, k)``: states of the frame before the start, which move on to about ``start``.
@@ -170,9 +181,10 @@ class TrackerModel:
 
     def given(self, presence: Presence) -> TrackerModel:
         """The model for the step that follows ``presence``: searching unless the object is tracked."""
-        if self.searching != presence.tracked and presence.patch is self.patch_before:
+        searching, expected, patch = not presence.tracked, presence.expected, presence.patch
+        if searching == self.searching and expected == self.expected and patch is self.patch_before:
             return self
-        return replace(self, searching=not presence.tracked, patch_before=presence.patch)
+        return replace(self, searching=searching, expected=expected, patch_before=patch)
 
     def with_noise(self, system: float = 1.0, observation: float = 1.0, proposal: float = 1.0) -> TrackerModel:
         """The same model with the standard deviations of its noises multiplied by these factors."""
@@ -214,11 +226,24 @@ class TrackerModel:
         """
         estimate = estimate or self.estimate(record)
         after = self.presence_rule.after(before, self.score(record, estimate))
+        if not after.tracked:
+            return after
+        after = replace(after, expected=self._expected(record, estimate))
         grey = getattr(record.observation, "grey", None)
-        if self.motion_likelihood is None or grey is None or not after.tracked:
+        if self.motion_likelihood is None or grey is None:
             return after
         placing = transforms(estimate.state[None], self.extractor.working_scale)[0]
         return replace(after, patch=self.motion_likelihood.patch(placing, grey))
+
+    def _expected(self, record: StepRecord, estimate: TrackEstimate) -> tuple[float, float]:
+        """Where the dynamics lead from the estimate: the mean of where they lead from the particles about it."""
+        particles = weighed_posterior(record)
+        away = np.hypot(particles.innovation[:, 0] - estimate.x, particles.innovation[:, 1] - estimate.y)
+        weights = np.where(away <= self.contour.size, particles.weights, 0.0)
+        if not weights.sum() > 0.0:
+            return estimate.x, estimate.y
+        x, y = (weights @ self.dynamics.predict(particles.states)[:, :2] / weights.sum()).tolist()
+        return x, y
 
     def estimate_of(self, state: FloatArray) -> TrackEstimate:
         """A ``state (k,)`` in the terms that are reported."""
