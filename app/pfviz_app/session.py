@@ -9,7 +9,7 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -54,7 +54,6 @@ log = logging.getLogger(__name__)
 _PROGRESS_PERIOD = 0.25
 _TASTE = ("dark", "speed", "arrows", "truth", "exact", "ancestry", "overlay")
 """Settings that a situation of the gallery leaves as the visitor likes them."""
-_Held = Mapping[int, FloatArray]
 
 
 class Session:
@@ -208,11 +207,13 @@ class Session:
 
     # The lanes
 
-    def _start(self, first: Settings | None = None, rival: Settings | None = None, held: _Held | None = None) -> None:
+    def _start(
+        self, first: Settings | None = None, rival: Settings | None = None, film: ToyFilm | None = None
+    ) -> None:
         """Begin at time 0, with these settings for the first step, by default those of now."""
         s = first or self._settings
         self._message, self._t, self._stage, self._chosen, self._grip = "", 0, None, None, None
-        film = ToyFilm(get_world(s.world), s.seed, held)
+        film = film or ToyFilm(get_world(s.world), s.seed)
         self._lane = Lane(s, film, self._tracker_film)
         rival = rival or self._rival_settings(s)
         self._rival = Lane(rival, film, self._tracker_film) if rival else None
@@ -274,7 +275,7 @@ class Session:
         lanes = self._lanes if self._settings.rival != ITSELF else (self._lane,)
         if self._t == 0:
             kept = self._rival if len(lanes) < len(self._lanes) else None
-            self._start(held=self._lane.toy.film.held)
+            self._start(film=self._lane.toy.film)
             self._rival = kept or self._rival
             return
         self._lane.configure(self._settings)
@@ -447,7 +448,8 @@ class Session:
         held = {t: np.array(place) for t, place in shared.held.items()}
         if any(len(place) != get_world(shared.settings.world).model.dynamics.dimension for place in held.values()):
             raise SettingError("the share code puts the target where this world has no room for it")
-        self._start(replace(shared.at(1), rival=shared.settings.rival), shared.rival_at(1), held)
+        toy_film = ToyFilm(get_world(shared.settings.world), shared.settings.seed, held)
+        self._start(replace(shared.at(1), rival=shared.settings.rival), shared.rival_at(1), toy_film)
         self._catch_up(shared)
 
     def _found(self, start: Start) -> VideoFilm:

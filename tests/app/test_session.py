@@ -603,6 +603,12 @@ def test_a_branch_keeps_what_was_and_lets_go_what_is(visit):
     assert [lane.toy.outcome(2).filter_name for lane in (picture.lane, picture.rival)] == ["condensation", FEW.filter]
 
 
+def test_a_target_that_is_dragged_is_dragged_for_what_was_kept_at_the_prior_too(visit):
+    picture = visit.do(Keep(), Set("filter", "condensation"), Step(3), Drag(1.5, 0.0))
+    assert picture.rival.toy.film.truth(3) == picture.toy.film.truth(3) == 1.5
+    brought_back(picture)
+
+
 def test_the_picture_of_the_rival_is_the_rivals(visit):
     assert visit.do(Step()).of_rival() is None
     picture = visit.do(Set("rival", "condensation"), Click(3, 0))
