@@ -85,7 +85,7 @@ class Picture:
             self.t,
             self.stage,
             changes(self.lane.log[: self.t]),
-            changes(kept.log[: self.t]) if kept else (),
+            changes((*kept.log, kept.settings)[: self.t + 1]) if kept else (),
             {t: tuple(place.tolist()) for t, place in film.held.items() if t <= self.t},
             self.tracker.film.chosen_start,
         )

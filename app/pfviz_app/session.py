@@ -162,7 +162,7 @@ class Session:
             case Drag(x, y, end):
                 self._drag(x, y, end)
             case Keep():
-                self._unless_refused(self._set, "rival", ITSELF)
+                self._keep()
             case Select(left, top, right, bottom):
                 self._unless_refused(self._select, (left, top), (right, bottom))
             case Outline():
@@ -221,7 +221,9 @@ class Session:
     def _restart(self) -> None:
         kept = self._rival.settings if self._rival and self._settings.rival == ITSELF else None
         s = self._settings
-        self._start(rival=kept and replace(kept, world=s.world, seed=s.seed, toy_particles=s.toy_particles))
+        if kept and kept.world != s.world:
+            kept = replace(kept, world=s.world, toy_particles=s.toy_particles)
+        self._start(rival=kept and replace(kept, seed=s.seed))
 
     def _rival_settings(self, settings: Settings) -> Settings | None:
         """Those of the filter that is compared with, which are ours but for the filter."""
@@ -232,6 +234,11 @@ class Session:
     @property
     def _lanes(self) -> tuple[Lane, ...]:
         return (self._lane,) if self._rival is None else (self._lane, self._rival)
+
+    def _keep(self) -> None:
+        """Compare with what is recorded now, whatever it was compared with before."""
+        self._settings, self._situation = self._settings.with_value("rival", ITSELF), None
+        self._compare()
 
     def _compare(self) -> None:
         """Run the filter that is compared with from the start, under the settings that each step was run with."""
@@ -339,8 +346,7 @@ class Session:
     def _walk(self, count: int) -> None:
         """Stage by stage: forward into the next iteration after the posterior, back into the last one."""
         for _ in range(abs(count)):
-            rooms = [room for lane in self._lanes for room in lane.rooms]
-            stages = max(len(room.trace[self._t].stages) for room in rooms) if self._t else 0
+            stages = self._stages
             if count > 0 and (self._stage is None or not stages):
                 self._stage = 0 if self._advance() else None
             elif count > 0 and self._stage is not None:
@@ -356,6 +362,12 @@ class Session:
         self._stage = self._chosen = None
         self._t = min(max(t, self._earliest), self._last)
         self._message = ""
+
+    @property
+    def _stages(self) -> int:
+        """How many stages the iteration on screen has, where it has most."""
+        rooms = [room for lane in self._lanes for room in lane.rooms]
+        return max(len(room.trace[self._t].stages) for room in rooms) if self._t else 0
 
     @property
     def _earliest(self) -> int:
@@ -460,21 +472,28 @@ class Session:
 
     def _catch_up(self, shared: Shared) -> None:
         """Run all lanes to the time that was shared."""
-        for t in range(1, shared.t + 1):
-            if self._interrupted():
-                self._message = f"Interrupted at step {self._t} of {shared.t}."
-                break
-            own = shared.at(t)
-            self._lane.configure(own)
-            if self._rival:
-                self._rival.configure(shared.rival_at(t) or self._rival_settings(own) or own)
-            if not self._advance():
-                break
-            self._show_progress(t / shared.t)
-        self._progress = None
-        self._lane.configure(self._settings)
+        try:
+            for t in range(1, shared.t + 1):
+                if self._interrupted():
+                    self._message = f"Interrupted at step {self._t} of {shared.t}."
+                    break
+                self._configure(shared, t)
+                if not self._advance():
+                    break
+                self._show_progress(t / shared.t)
+        finally:
+            self._progress = None
+            self._configure(shared, self._t + 1)
+            self._lane.configure(self._settings)
         if self._t == shared.t and self._t and shared.stage is not None:
-            self._stage = min(shared.stage, max(len(room.trace[self._t].stages) for room in self._lane.rooms) - 1)
+            self._stage = min(shared.stage, self._stages - 1)
+
+    def _configure(self, shared: Shared, t: int) -> None:
+        """Let all lanes run step ``t`` as it was shared."""
+        own = shared.at(t)
+        self._lane.configure(own)
+        if self._rival:
+            self._rival.configure(shared.rival_at(t) or self._rival_settings(own) or own)
 
     def _arrange(self, name: str) -> None:
         """Show a situation of the gallery, but the way this visitor likes to look at things."""

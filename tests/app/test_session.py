@@ -603,6 +603,20 @@ def test_a_branch_keeps_what_was_and_lets_go_what_is(visit):
     assert [lane.toy.outcome(2).filter_name for lane in (picture.lane, picture.rival)] == ["condensation", FEW.filter]
 
 
+def test_what_is_kept_keeps_its_particles_when_all_begins_again(visit):
+    picture = visit.do(Step(2), Keep(), Set("toy_particles", 30), Reset(), Step())
+    assert [len(lane.toy.trace[1].posterior) for lane in (picture.lane, picture.rival)] == [30, 12]
+    picture = visit.do(Set("world", "plane"))
+    assert len(picture.rival.toy.trace.initial) == WORLDS["plane"].n_particles
+
+
+def test_one_can_branch_again(visit):
+    visit.do(Step(2), Keep(), Set("filter", "condensation"), Step(2))
+    picture = visit.do(Keep())
+    assert picture.rival.toy.outcome(4).filter_name == "condensation"
+    assert fingerprints(picture.rival, range(1, 5)) == fingerprints(picture.lane, range(1, 5))
+
+
 def test_a_target_that_is_dragged_is_dragged_for_what_was_kept_at_the_prior_too(visit):
     picture = visit.do(Keep(), Set("filter", "condensation"), Step(3), Drag(1.5, 0.0))
     assert picture.rival.toy.film.truth(3) == picture.toy.film.truth(3) == 1.5
@@ -657,6 +671,28 @@ def test_a_code_says_exactly_what_was_selected(visit):
 )
 def test_a_code_brings_back_a_first_step_that_was_done_again_with_more_particles(visit, redo):
     brought_back(visit.do(Step(), *redo, Set("tracker_particles", 20), Step(2)))
+
+
+def test_a_code_holds_the_settings_under_which_a_kept_lane_goes_on(visit):
+    visit.do(Keep(), Set("filter", "condensation"))
+    assert brought_back(visit.settled()).rival.settings.filter == FEW.filter
+    visit.do(Play(), Set("system", 2.0), Play(False))
+    picture = visit.do(Keep())
+    assert brought_back(picture).rival.settings.system == 2.0
+
+
+def test_a_code_brings_back_a_stage_that_only_the_rival_has(visit):
+    picture = visit.do(Set("filter", "condensation"), Set("rival", "rb-ss-hs-sir"), Step(2), Walk(-1))
+    assert picture.stage == max(len(room.trace[2].stages) for room in picture.rival.rooms) - 1 > 2
+    brought_back(picture)
+
+
+def test_after_a_code_whose_video_fails_the_settings_shown_are_those_that_hold():
+    video, now = DiscVideo(broken=3), replace(FEW, system=2.0)
+    with Visit(FEW, disc_setup(lambda: video)) as visit:
+        assert visit.do(Open(encode(Shared(now, 8, changes=((1, FEW), (7, now)))))).t == 3
+        video.broken = None
+        assert visit.do(Step()).lane.log[3].system == 2.0
 
 
 def test_a_place_of_another_world_is_none_in_this_one(visit):
