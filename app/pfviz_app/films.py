@@ -187,7 +187,7 @@ class VideoFilm:
     """A video and the tracker's model of the object in it."""
 
     def __init__(self, setup: VideoSetup, source: VideoSource | None = None) -> None:
-        self.setup = setup
+        self.setup = self._given = setup
         self.source = source or setup.open()
         self.chosen_start: Start | None = None
         self._temporary: Path | None = None
@@ -217,15 +217,16 @@ class VideoFilm:
         film._temporary = path
         return film
 
-    def following(self, start: Start) -> VideoFilm:
-        """The same video from the frame in which something else is marked to be followed.
+    def following(self, start: Start | None) -> VideoFilm:
+        """The same video from the frame in which something else is marked to be followed; with None what it began with.
 
         Raises:
             ValueError: if there is nothing to follow there.
         """
         film = copy(self)
-        film.setup = replace(self.setup, model=start.learn(self.source), start_frame=start.frame)
-        film.chosen_start = start
+        film.setup, film.chosen_start = self._given, start
+        if start is not None:
+            film.setup = replace(self._given, model=start.learn(self.source), start_frame=start.frame)
         return film
 
     @property

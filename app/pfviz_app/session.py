@@ -454,7 +454,7 @@ class Session:
         """Bring back what was shared, step by step."""
         shared = decode(code)
         film = self._tracker_film
-        if shared.start is not None and shared.start != film.chosen_start:
+        if shared.start != film.chosen_start:
             film = self._found(shared.start)
         self._settings, self._tracker_film, self._playing, self._situation = shared.settings, film, False, None
         held = {t: np.array(place) for t, place in shared.held.items()}
@@ -464,7 +464,7 @@ class Session:
         self._start(replace(shared.at(1), rival=shared.settings.rival), shared.rival_at(1), toy_film)
         self._catch_up(shared)
 
-    def _found(self, start: Start) -> VideoFilm:
+    def _found(self, start: Start | None) -> VideoFilm:
         try:
             return self._tracker_film.following(start)
         except (ValueError, EndOfVideo) as error:

@@ -695,6 +695,14 @@ def test_after_a_code_whose_video_fails_the_settings_shown_are_those_that_hold()
         assert visit.do(Step()).lane.log[3].system == 2.0
 
 
+def test_a_code_without_a_choice_follows_what_the_video_says(visit):
+    picture = visit.do(Step(3))
+    code, third = encode(picture.shared), fingerprints(picture.lane, [3])
+    picture = visit.do(Select(50.0, 28.0, 70.0, 44.0), Step(), Open(code))
+    assert (picture.message, picture.tracker.film.chosen_start) == ("", None)
+    assert fingerprints(picture.lane, [3]) == third
+
+
 def test_a_place_of_another_world_is_none_in_this_one(visit):
     visit.do(Set("world", "plane"), Step(2))
     picture = visit.do(Drag(1.0, 0.0), Drag(float("nan"), 0.0))
