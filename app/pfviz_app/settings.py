@@ -102,7 +102,7 @@ class Control:
             return value
         try:
             number = float(value)
-        except (TypeError, ValueError):
+        except (TypeError, ValueError, OverflowError):
             raise SettingError(f"{self.label}: expected a number, got {value!r}") from None
         if not self.low <= number <= self.high:
             raise SettingError(f"{self.label}: expected {self.low:g} to {self.high:g}, got {value!r}")

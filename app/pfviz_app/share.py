@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import json
-import math
 import zlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, fields
@@ -77,7 +76,8 @@ def encode(shared: Shared) -> str:
     if shared.held:
         values["held"] = [[t, *(round(x, PLACE_DIGITS) for x in place)] for t, place in sorted(shared.held.items())]
     if shared.start is not None:
-        values["start"] = [shared.start.frame, *([round(x, CORNER_DIGITS) for x in row] for row in shared.start.outline)]
+        corners = [[round(x, CORNER_DIGITS) for x in corner] for corner in shared.start.outline]
+        values["start"] = [shared.start.frame, *corners]
     text = json.dumps(values, separators=(",", ":"))
     return _CODE + base64.urlsafe_b64encode(zlib.compress(text.encode(), 9)).decode().rstrip("=")
 
@@ -114,7 +114,7 @@ def _unpacked(code: str) -> dict[str, Any]:
 
 
 def _whole(what: str, value: Any, most: int) -> int:
-    if not isinstance(value, int) or not 0 <= value <= most:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= most:
         raise SettingError(f"the share code asks for {what} {value!r}: expected 0 to {most}")
     return value
 
@@ -155,7 +155,7 @@ def _start(value: Any) -> Start | None:
 
 
 def _numbers(row: list[Any]) -> tuple[float, ...]:
-    if not all(isinstance(x, int | float) and math.isfinite(x) and abs(x) <= _FARTHEST for x in row):
+    if not all(isinstance(x, int | float) and abs(x) <= _FARTHEST for x in row):
         raise SettingError(f"the share code has a place {row!r}: expected numbers up to {_FARTHEST:g}")
     return tuple(float(x) for x in row)
 
