@@ -207,9 +207,7 @@ class Session:
 
     # The lanes
 
-    def _start(
-        self, first: Settings | None = None, rival: Settings | None = None, film: ToyFilm | None = None
-    ) -> None:
+    def _start(self, first: Settings | None = None, rival: Settings | None = None, film: ToyFilm | None = None) -> None:
         """Begin at time 0, with these settings for the first step, by default those of now."""
         s = first or self._settings
         self._message, self._t, self._stage, self._chosen, self._grip = "", 0, None, None, None
