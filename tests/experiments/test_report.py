@@ -27,6 +27,12 @@ def test_a_table_is_read_back_from_its_csv():
     assert second == ['say "x, y"', "400", ""]
 
 
+def test_what_was_not_measured_and_ends_of_open_intervals_are_empty():
+    table = Table("t", "", ("a", "b", "c"), ((NAN, float("inf"), -float("inf")),))
+    assert as_csv(table).splitlines()[1] == ",,"
+    assert table_in_markdown(table).splitlines()[2] == "| – | – | – |"
+
+
 def test_a_table_in_markdown_has_as_many_cells_in_every_line():
     lines = table_in_markdown(TABLE).splitlines()
     assert lines[1] == "| --- | ---: | ---: |"

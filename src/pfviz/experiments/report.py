@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from collections.abc import Mapping
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -28,11 +29,11 @@ def write_report(
 
 
 def as_csv(table: Table) -> str:
-    """``table`` as comma-separated values, an empty cell for what there is not."""
+    """``table`` as comma-separated values, an empty cell for what there is not, and for the end of an open interval."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow(table.columns)
-    writer.writerows([["" if cell is None else _plain(cell) for cell in row] for row in table.rows])
+    writer.writerows([[_plain(cell) for cell in row] for row in table.rows])
     return text.getvalue()
 
 
@@ -67,10 +68,17 @@ def _line(cells: Any) -> str:
 
 
 def _plain(cell: Cell) -> Cell:
+    if _is_open(cell):
+        return ""
     return f"{cell:.6g}" if isinstance(cell, float) else cell
 
 
+def _is_open(cell: Cell) -> bool:
+    """Whether there is no such number: it was not measured, or the interval has no end."""
+    return cell is None or (isinstance(cell, float) and not isfinite(cell))
+
+
 def _rounded(cell: Cell) -> str:
-    if cell is None:
+    if _is_open(cell):
         return "–"
     return f"{cell:.3g}" if isinstance(cell, float) else str(cell).replace("|", "\\|")
