@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -16,14 +17,17 @@ UPLOAD_BYTES = 200 * 2**20
 
 def kept_upload(folder: Path, name: str, content: bytes) -> Load:
     """Write what was sent into a file of its own in ``folder``; the name it came with is only for show."""
-    number = sum(1 for _ in folder.iterdir())
-    path = folder / f"upload-{number}"
-    path.write_bytes(content)
-    return Load(path, name)
+    number, path = tempfile.mkstemp(prefix="upload-", dir=folder)
+    with open(number, "wb") as file:
+        file.write(content)
+    return Load(Path(path), name)
 
 
 def guard_uploads(client: viser.ClientHandle, most: int) -> None:
-    """Drop what a visitor sends beyond ``most`` bytes as it comes in: viser itself would keep it all in memory."""
+    """Drop what a visitor sends beyond ``most`` bytes as it comes in: viser itself would keep it all in memory.
+
+    Files that are sent at the same time count together.
+    """
     connection: Any = client._websock_connection
     received: dict[str, int] = {}
 
@@ -37,9 +41,12 @@ def guard_uploads(client: viser.ClientHandle, most: int) -> None:
             drop(message.transfer_uuid)
 
     def part(_: int, message: FileTransferPart) -> None:
-        total = received.get(message.transfer_uuid, 0) + len(message.content)
-        received[message.transfer_uuid] = total
-        if total > most:
+        gui: Any = client.gui
+        for ended in received.keys() - gui._current_file_upload_states.keys():
+            del received[ended]
+        if message.transfer_uuid in gui._current_file_upload_states:
+            received[message.transfer_uuid] = received.get(message.transfer_uuid, 0) + len(message.content)
+        if sum(received.values()) > most:
             drop(message.transfer_uuid)
 
     connection.register_handler(FileTransferStartUpload, started)

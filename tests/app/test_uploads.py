@@ -51,6 +51,24 @@ def test_what_turns_out_too_large_is_dropped_whatever_was_announced():
     client.add_notification.assert_called_once()
 
 
+def test_many_files_at_once_are_not_more_than_one():
+    client, connection, states = guarded(100)
+    for part in range(3):
+        connection.receive(FileTransferPart("button", "a", part, b"x" * 20))
+        connection.receive(FileTransferPart("button", "b", part, b"x" * 20))
+    assert set(states) == {"a"}
+    states["c"] = {}
+    connection.receive(FileTransferPart("button", "c", 0, b"x" * 40))
+    assert set(states) == {"a", "c"}, "what was dropped counts no more"
+
+
+def test_a_file_that_is_still_watched_is_not_written_over(tmp_path):
+    first, second = (kept_upload(tmp_path, "a.mp4", content) for content in (b"one", b"two"))
+    first.path.unlink()
+    third = kept_upload(tmp_path, "a.mp4", b"three")
+    assert (second.path.read_bytes(), third.path.read_bytes()) == (b"two", b"three")
+
+
 def test_a_name_is_only_for_show(tmp_path):
     first, second = (kept_upload(tmp_path, "../../etc/passwd", content) for content in (b"one", b"two"))
     assert first.name == "../../etc/passwd"
