@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import logging
 import tempfile
 import threading
 import time
@@ -33,7 +34,10 @@ from pfviz_app.picture import Picture
 from pfviz_app.sending import send
 from pfviz_app.settings import ITSELF, NOBODY
 
+log = logging.getLogger(__name__)
+
 _AT_ONCE = 2
+_FEWEST_SEEDS, _MOST_SEEDS = 2, 50
 _FREE = threading.BoundedSemaphore(_AT_ONCE)
 _PERIOD = 1.5
 _RUN, _CANCEL = "▶ Run", "■ Cancel"
@@ -49,11 +53,12 @@ class Laboratory:
     def __init__(self, client: viser.ClientHandle, post: Callable[[Command], None]) -> None:
         self._post = post
         self._live: LiveExperiment | None = None
+        self._running = self._closed = False
         self._shown_at = 0.0
         gui = client.gui
         self._what = gui.add_dropdown("Experiment", (*_HERE, *_PAPERS))
         self._where = gui.add_dropdown("Where", ("toy", "video"), hint="With the settings that are on now")
-        self._seeds = gui.add_slider("Seeds", 2, 50, 1, 5, hint="How many runs of everything")
+        self._seeds = gui.add_slider("Seeds", _FEWEST_SEEDS, _MOST_SEEDS, 1, 5, hint="How many runs of everything")
         self._button = gui.add_button(_RUN)
         self._bar = gui.add_progress_bar(0.0, visible=False, animated=True)
         self._figure = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
@@ -68,23 +73,35 @@ class Laboratory:
 
     def close(self) -> None:
         """End what runs."""
+        self._closed = True
         if self._live is not None:
             self._live.cancel()
 
     def _run(self, picture: Picture) -> None:
+        if self._running or self._closed:
+            return
         if not _FREE.acquire(blocking=False):
             self._say(f"{_AT_ONCE} experiments run already, of other visitors: try again when they are done.")
             return
         try:
             experiment = self._experiment(picture)
             self._button.label, self._bar.value, self._bar.visible = _CANCEL, 0.0, True
-            self._live = LiveExperiment(experiment, self._seeds.value, self._progressed)
+            self._running = True
+            self._live = LiveExperiment(experiment, self._seeds_wanted, self._progressed)
+            if not self._running:  # it is over already
+                self._live = None
         except Exception as error:
             _FREE.release()
+            self._running = False
             self._button.label, self._bar.visible = _RUN, False
             if not isinstance(error, ValueError):
                 raise
             self._say(str(error))
+
+    @property
+    def _seeds_wanted(self) -> int:
+        """As many as the slider allows: a page can send any number."""
+        return min(max(int(self._seeds.value), _FEWEST_SEEDS), _MOST_SEEDS)
 
     def _experiment(self, picture: Picture) -> Experiment:
         """What is chosen, with the settings on screen where it is not one of the sources'."""
@@ -102,16 +119,19 @@ class Laboratory:
         return comparison(place, plain_arms([s.filter, *rivals], particles), knob, values, **noises)
 
     def _progressed(self, progress: Progress) -> None:
-        """Called in the experiment's thread."""
+        """Called in the experiment's thread. Whatever cannot be shown, at the end there is room for others."""
         over, now = progress.state != "running", time.monotonic()
         try:
             if over or now - self._shown_at > _PERIOD:
                 self._shown_at = now
                 send(lambda: self._show_progress(progress))
+        except Exception:
+            log.exception("an experiment cannot be shown")
         finally:
             if over:
-                _FREE.release()
+                self._running = False
                 self._live = None
+                _FREE.release()
                 send(lambda: self._end(progress))
 
     def _show_progress(self, progress: Progress) -> None:

@@ -9,7 +9,9 @@ from pfviz_app.laboratory import Laboratory
 from pfviz_app.settings import Settings
 from stand_ins import Visit
 
-from pfviz.experiments import LiveExperiment
+from pfviz.experiments import LiveExperiment, Progress
+
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
 
 
 @pytest.fixture
@@ -58,6 +60,62 @@ def test_a_video_whose_truth_is_not_known_is_no_place_for_one(bench):
 def test_no_more_than_a_few_run_at_once(bench, monkeypatch):
     monkeypatch.setattr(laboratory, "_FREE", MagicMock(acquire=lambda blocking: False))
     assert "try again" in run(bench)["text"].content
+
+
+def test_an_experiment_that_breaks_makes_room_and_says_why(bench, monkeypatch):
+    monkeypatch.setattr(LiveExperiment, "_collect", lambda *_: 1 / 0)
+    assert "division" in run(bench)["text"].content
+    assert_over(bench[0])
+
+
+def test_what_cannot_be_shown_makes_room_too(bench, monkeypatch):
+    monkeypatch.setattr(laboratory, "_picture_of", lambda summary: 1 / 0)
+    bench[1]["Seeds"].value = 2
+    run(bench, world="linear-gaussian", filter="rb-hs-sir", rival="condensation")
+    assert_over(bench[0])
+
+
+def a_picture():
+    with Visit(Settings(toy_particles=8, tracker_particles=15)) as visit:
+        return visit.settled()
+
+
+def test_what_is_over_at_once_can_be_followed_by_another(bench, monkeypatch):
+    made, picture, live = bench[0], a_picture(), MagicMock()
+    monkeypatch.setattr(laboratory, "LiveExperiment", lambda *given: given[-1](Progress((), 0, 0, "finished")) or live)
+    made._run(picture)
+    assert_over(made)
+    monkeypatch.setattr(laboratory, "LiveExperiment", lambda *_: live)
+    made._run(picture)
+    monkeypatch.setattr(laboratory, "LiveExperiment", None)
+    made._run(picture)
+    assert made._live is live, "one at a time"
+    made._progressed(Progress((), 0, 0, "cancelled"))
+    assert_over(made)
+
+
+@pytest.mark.parametrize(("asked", "wanted"), [(10**9, 50), (-3, 2), (7, 7)])
+def test_no_more_seeds_than_the_slider_allows(bench, monkeypatch, asked, wanted):
+    made, handles = bench
+    handles["Seeds"].value, found = asked, []
+    monkeypatch.setattr(laboratory, "LiveExperiment", lambda _, seeds, tell: found.append(seeds))
+    made._run(a_picture())
+    made._progressed(Progress((), 0, 0, "finished"))
+    assert found == [wanted]
+
+
+def test_who_has_left_begins_nothing(bench, monkeypatch):
+    monkeypatch.setattr(laboratory, "LiveExperiment", None)
+    bench[0].close()
+    bench[0]._run(a_picture())
+    assert_over(bench[0])
+
+
+def assert_over(made):
+    assert made._live is None and not made._running
+    for _ in range(laboratory._AT_ONCE):
+        assert laboratory._FREE.acquire(blocking=False)
+    laboratory._FREE.release(laboratory._AT_ONCE)
 
 
 def test_what_is_cancelled_ends_and_makes_room(bench):

@@ -104,9 +104,8 @@ class LiveExperiment:
             self._progress = Progress(
                 self._progress.rows, self._progress.done, len(self._jobs), "failed", " ".join(str(error).split())
             )
-            if isinstance(error, ExperimentError):
-                self._on_progress(self._progress)
-            else:
+            self._on_progress(self._progress)
+            if not isinstance(error, ExperimentError):
                 raise
 
     def _collect(self, workers: Workers) -> None:
