@@ -75,6 +75,7 @@ class Controls:
     def close(self) -> None:
         """The visitor has left."""
         self._laboratory.close()
+        self._video.close()
 
     def show(self, picture: Picture) -> None:
         """Bring the widgets in line with the session."""
@@ -249,8 +250,8 @@ class Controls:
         async def on_update(event: Any) -> None:
             if event.client is not None:
                 value = widget.value
-                self._post(command(value))
                 self._agreed[id(widget)] = value
+                self._post(command(value))
 
         widget.on_update(on_update)
 

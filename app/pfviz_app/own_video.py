@@ -22,7 +22,7 @@ class OwnVideo:
 
     def __init__(self, client: viser.ClientHandle, post: Callable[[Command], None]) -> None:
         self._client, self._post = client, post
-        self._folder = tempfile.TemporaryDirectory(prefix="pfviz-")
+        self._folder = tempfile.TemporaryDirectory(prefix="pfviz-", ignore_cleanup_errors=True)
         gui = client.gui
         guard_uploads(client, UPLOAD_BYTES)
         with gui.add_folder("Your own video", expand_by_default=False):
@@ -40,17 +40,22 @@ class OwnVideo:
         self._selecting = False
         client.scene.on_rect_select(modifier="shift")(self._selected)
 
+    def close(self) -> None:
+        """The visitor has left."""
+        self._folder.cleanup()
+
     def show(self, picture: Picture) -> None:
         label = _OUTLINE if picture.outline is None else _DONE
         if self._outline.label != label:
             self._outline.label = label
 
-    async def _uploaded(self, event: Any) -> None:
+    def _uploaded(self, event: Any) -> None:
+        """Not a coroutine: all visitors would wait until the file is written."""
         file = event.target.value
         try:
             self._post(kept_upload(Path(self._folder.name), file.name, file.content))
         except OSError as error:
-            self._client.add_notification("The video cannot be kept", str(error), color="red")
+            self._client.add_notification("The video cannot be kept", error.strerror or "", color="red")
 
     async def _begin_selecting(self, _: Any) -> None:
         """Until a rectangle is drawn or the button is pressed again, a drag on the picture draws one."""

@@ -1,5 +1,6 @@
 """The widgets and the session agree, whoever changed something last."""
 
+from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
@@ -47,6 +48,7 @@ class Docks:
         self.posted, self.idle, self.widgets = [], True, {}
         client = MagicMock()
         client.camera.image_width = width
+        client.local_storage.get_item.return_value = ""
         client.gui.add_slider.side_effect = self._slider
         client.gui.add_dropdown.side_effect = self._dropdown
         client.gui.add_checkbox.side_effect = lambda label, value, **_: self._widget(label, value)
@@ -137,3 +139,21 @@ def test_a_picture_that_is_drawn_before_a_wish_arrives_does_not_undo_it(docks, v
     docks.controls.show(visit.do(Step(1)))
     checkbox.call(SOMEBODY)
     assert docks.posted == [Set("dark", True)]
+
+
+def test_what_a_visitor_has_sent_is_gone_when_they_leave(docks):
+    folder = Path(docks.controls._video._folder.name)
+    upload = SimpleNamespace(target=SimpleNamespace(value=SimpleNamespace(name="a.mp4", content=b"film")))
+    docks.controls._video._uploaded(upload)
+    assert docks.posted[-1].path.read_bytes() == b"film"
+    docks.controls.close()
+    assert not folder.exists()
+
+
+def test_a_wish_that_is_refused_at_once_does_not_stay_on_the_page(docks):
+    with Visit(FEW) as visit:
+        picture = visit.settled()
+        docks.controls.show(picture)
+        docks.controls._post = lambda command: docks.controls.show(picture)
+        docks.widgets["Seed"].moved(7)
+        assert docks.widgets["Seed"].value == 0

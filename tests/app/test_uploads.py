@@ -52,7 +52,7 @@ def test_what_turns_out_too_large_is_dropped_whatever_was_announced():
 
 
 def test_many_files_at_once_are_not_more_than_one():
-    client, connection, states = guarded(100)
+    _, connection, states = guarded(100)
     for part in range(3):
         connection.receive(FileTransferPart("button", "a", part, b"x" * 20))
         connection.receive(FileTransferPart("button", "b", part, b"x" * 20))
