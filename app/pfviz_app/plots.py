@@ -19,7 +19,7 @@ from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
 
 _PERIOD = 0.5
 _MOST_POINTS = 400
-_ROUND = 200
+_REACHES = (25, 50, 100, 200, 400, 1000, 2000)
 _GENERATIONS = 30
 
 
@@ -208,14 +208,8 @@ def _relative_ess(room: Room[Any]) -> FloatArray:
 
 
 def _reach(picture: Picture) -> int:
-    """The last time of the x-axis: the film's, or a round number beyond what is recorded.
-
-    It changes rarely: each time it does, the browser must work out its zoom anew.
-    """
-    length = picture.tracker.film.length
-    if length is not None and 2 <= length <= _MOST_POINTS:
-        return length
-    return max(_ROUND * -(-picture.last // _ROUND), _ROUND)
+    """The last time of the x-axis: a round number beyond what is recorded, which changes rarely."""
+    return next((reach for reach in _REACHES if picture.last <= reach), _REACHES[-1])
 
 
 def _placed(room: Room[Any], known: FloatArray, length: int) -> FloatArray:
