@@ -44,19 +44,25 @@ class Visitor:
         self._stage = Stage(client, self._grabbed)
         self._stage.resize(client.camera.image_width, client.camera.image_height)
         self.session = Session(settings, video, self)
-        self._controls = Controls(client, settings, self.session.post, self.session.idle, self._stage.straighten)
+        try:
+            self._controls = Controls(client, settings, self.session.post, self.session.idle, self._stage.straighten)
+        except BaseException:
+            self.session.close()
+            raise
         client.camera.on_update(self._resized)
         client.scene.on_click()(self._clicked)
         self.session.start()
 
     def close(self) -> None:
         """The visitor has left."""
-        self._controls.close()
         self.session.close()
+        self._controls.close()
 
     def draw(self, picture: Picture) -> None:
-        send(partial(self._stage.draw, picture))
-        send(partial(self._controls.show, picture))
+        try:
+            send(partial(self._stage.draw, picture))
+        finally:  # the docks say what is wrong
+            send(partial(self._controls.show, picture))
 
     def resize(self, width: int, height: int) -> None:
         self._stage.resize(width, height)
@@ -119,8 +125,10 @@ class App:
 
     def stop(self) -> None:
         """Close every session and the server."""
-        for session in self.sessions:
-            session.close()
+        with self._lock:
+            visitors = list(self._visitors.values())
+        for visitor in visitors:
+            visitor.close()
         self.server.stop()
 
 
