@@ -11,6 +11,7 @@ turned. By the polar decomposition every affine map that does not mirror is one 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -95,7 +96,7 @@ class Contour:
     def normals(self) -> FloatArray:
         return self._normals  # type: ignore[attr-defined]
 
-    @property
+    @cached_property
     def size(self) -> float:
         """The side of the square of equal area, in pixels."""
         return float(np.sqrt(abs(signed_area(self.outline(8)))))
