@@ -24,6 +24,7 @@ SOURCES = {"condensation": 2000, "basic-sir": 3000, "rb-ss-hs-sir": 400}
 """Table 5: particle numbers of equal running time on a Pentium IV at 1.4 GHz."""
 _COUNTS = (50, 100, 200, 400, 800, 1200, 1600, 2400, 3200, 4800)
 _ENOUGH = 1.5
+_UNDISTURBED = 0.1
 
 
 def jobs(seeds: int, filters: Sequence[str] = (), counts: Sequence[int] = _COUNTS, frames: int = 25) -> list[Job]:
@@ -48,12 +49,15 @@ def run_round(job: Job) -> list[Row]:
             if taken > _ENOUGH * budget:
                 break
     again = _frame_time(REFERENCE, REFERENCE_PARTICLES, settings, seed)
-    rows[0]["milliseconds"] = 0.5 * (budget + again)
+    rows[0]["milliseconds"] = min(budget, again)
     return rows
 
 
 def _frame_time(name: str, count: int, settings: Settings, seed: int) -> float:
-    """Milliseconds of processor time of a frame: the median over the first frames."""
+    """Milliseconds of processor time of a frame that nothing disturbed: a low quantile over the first frames.
+
+    Other processes take away caches and shared cores, which slows a frame down, and never makes it quicker.
+    """
     images, model = _material(settings["place"], settings["frames"], settings["variance"])
     filter_ = make_filter(name, count)
     particles, times = filter_.initial(step_rng(seed, 0), model), []
@@ -63,7 +67,7 @@ def _frame_time(name: str, count: int, settings: Settings, seed: int) -> float:
         model.estimate(record)
         times.append(1000.0 * (thread_time() - began))
         particles = record.posterior
-    return float(np.median(times[2:]))
+    return float(np.quantile(times[2:], _UNDISTURBED))
 
 
 @lru_cache(maxsize=1)
@@ -155,5 +159,6 @@ EQUAL_TIME = Experiment(
     jobs=jobs,
     run=run_round,
     summarise=summarise,
+    version=3,
     one_at_a_time=True,
 )
