@@ -196,7 +196,8 @@ def test_colours_that_are_alike_share_a_bin_and_others_do_not():
     colours = np.array([[[20, 20, 230], [12, 10, 222], [20, 230, 20], [120, 120, 122], [126, 124, 124], [8, 8, 8]]])
     red, reddish, green, grey, greyish, black = hsv_bins().take(colour_indices(colours.astype(np.uint8)))[0]
     assert red == reddish and grey == greyish
-    assert len({red, green, grey, black}) == 4
+    pale = hsv_bins().take(colour_indices(np.array([[[150, 150, 230]]], np.uint8))).item()
+    assert len({red, pale, green, grey, black}) == 5
     assert max(red, green) < 100 <= min(grey, black) < HSV_BINS
     assert hsv_bins().max() < HSV_BINS
 

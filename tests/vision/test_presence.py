@@ -247,6 +247,8 @@ def test_the_proposal_is_gated_about_where_the_object_will_be_and_open_when_it_i
     assert model.proposal(features) is features.proposal
     gated = following.proposal(features)
     assert (gated.probabilities > 0.4 * features.proposal.probabilities).all()
+    spread = [p.sample(np.random.default_rng(0), 2000).std(axis=0).max() for p in (gated, features.proposal)]
+    assert spread[0] < 0.9 * spread[1]
     assert items[10].record.stage("propose").proposal.probabilities.tolist() == gated.probabilities.tolist()
     assert following.given(NOT_YET_FOUND).proposal(features) is features.proposal
 
