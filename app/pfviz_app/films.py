@@ -79,9 +79,9 @@ class ToyFilm:
     def __init__(self, world: World, seed: int, held: Mapping[int, FloatArray] | None = None) -> None:
         self.world, self._seed = world, seed
         self._held = {t: readonly(place) for t, place in (held or {}).items()}
-        self._restart()
+        self._draw_anew()
 
-    def _restart(self) -> None:
+    def _draw_anew(self) -> None:
         self._course = self.world.unfold(self._seed, self._held)
         self._drawn: list[tuple[FloatArray, FloatArray]] = []
 
@@ -96,8 +96,11 @@ class ToyFilm:
 
     def hold(self, t: int, place: FloatArray) -> None:
         """Put the target at ``place (k,)`` at time ``t``; from there on it moves as it would have moved."""
-        self._held = {time: where for time, where in self._held.items() if time < t} | {t: readonly(place)}
-        self._restart()
+        for later in [time for time in self._held if time > t]:
+            del self._held[later]
+        self._held[t] = readonly(place)
+        if t <= len(self._drawn):
+            self._draw_anew()
 
     def model(self, system: float, observation: float, proposal: float) -> Model:
         return self.world.model.with_noise(system, observation, proposal)

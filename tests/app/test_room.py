@@ -13,7 +13,7 @@ from pfviz import kernels
 from pfviz.filters import FILTERS, make_filter
 from pfviz.running import run
 from pfviz.vision.video import EndOfVideo
-from pfviz.worlds import WORLDS, get_world
+from pfviz.worlds import WORLDS, World, get_world
 
 
 @pytest.fixture(autouse=True)
@@ -261,3 +261,20 @@ def test_an_object_that_is_gone_is_lost_and_found_again():
     again = room.fork(12)
     assert [again.outcome(t).lost for t in range(1, 13)] == lost[:12]
     assert fingerprint(again.step()) == fingerprint(room.trace[13])
+
+
+def test_a_target_in_the_hand_is_not_followed_from_the_beginning_at_every_step(monkeypatch):
+    begun, unfold = [], World.unfold
+    monkeypatch.setattr(World, "unfold", lambda *given: begun.append(given) or unfold(*given))
+    film = ToyFilm(get_world("linear-gaussian"), 1)
+    held = {t: np.array([0.1 * t]) for t in (3, 4, 5, 8)}
+    for t in range(1, 10):
+        if t in held:
+            film.hold(t, held[t])
+        film.observe(t, None)
+    assert len(begun) == 1
+    again = ToyFilm(get_world("linear-gaussian"), 1, held)
+    for t in range(1, 10):
+        np.testing.assert_array_equal(film.observe(t, None), again.observe(t, None))
+    film.hold(4, np.array([2.0]))
+    assert (sorted(film.held), film.truth(4)) == ([3, 4], 2.0)
