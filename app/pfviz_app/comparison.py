@@ -13,6 +13,7 @@ from pfviz.exact import total_variation
 from pfviz.filters import FILTERS
 from pfviz_app.picture import Picture
 from pfviz_app.room import Room
+from pfviz_app.settings import ITSELF
 from pfviz_app.stage.palette import DARK, LIGHT
 
 
@@ -40,13 +41,12 @@ def figures(first: Room[Any], second: Room[Any], t: int, unit: str) -> tuple[Fig
 
 def _figures(room: Room[Any], t: int, unit: str) -> Iterator[tuple[str, float]]:
     record, outcome = room.trace[t], room.outcome(t)
-    times = range(room.trace.first, t + 1)
-    outcomes, records = [room.outcome(time) for time in times], [room.trace[time] for time in times]
+    outcomes = [room.outcome(time) for time in range(room.trace.first, t + 1)]
     exact = room.exact.marginal(t) if room.exact else None
     yield f"error{unit}", outcome.error
     yield f"mean error{unit}", _mean([one.error for one in outcomes])
-    yield "ESS", record.effective_sample_size
-    yield "mean ESS", _mean([one.effective_sample_size for one in records])
+    yield "ESS", outcome.effective_sample_size
+    yield "mean ESS", _mean([one.effective_sample_size for one in outcomes])
     yield "distance to exact", np.nan if exact is None else total_variation(record.posterior, exact)
     yield "log-evidence", outcome.log_evidence
     yield "ms a step", _mean([one.milliseconds for one in outcomes])
@@ -80,7 +80,7 @@ def comparison_html(picture: Picture) -> str:
         body += f'<tr><td style="padding-top:6px;font-weight:600">{title}</td></tr>'
         body += "".join(_row(figure) for figure in figures(first, second, picture.t, unit))
     since = ""
-    if names[0] == names[1]:
+    if picture.settings.rival == ITSELF:
         since = "<div>The second is what was kept: its settings stay as they were.</div>"
     return _framed(f'{since}<table style="width:100%;border-collapse:collapse">{body}</table>')
 

@@ -31,6 +31,7 @@ class Outcome:
         model: that the filter believed in.
         error: distance of the estimate from the truth; NaN where the truth is not known.
         log_evidence: the estimate of log p(y_1:t) so far; NaN from where the filter defines none.
+        effective_sample_size: of the weights as computed.
         milliseconds: what the step took, observation included.
         presence: whether the object is there, where the film knows how to tell.
     """
@@ -39,6 +40,7 @@ class Outcome:
     model: Model
     error: float
     log_evidence: float
+    effective_sample_size: float
     milliseconds: float
     presence: Presence | None = None
 
@@ -89,7 +91,8 @@ class Room(Generic[F]):
         so_far = self._outcomes[-1].log_evidence if self._outcomes else 0.0
         log_evidence = so_far + (np.nan if record.log_evidence is None else record.log_evidence)
         error = self.film.error(t, record)
-        self._outcomes.append(Outcome(self._filter_name, self._model, error, log_evidence, elapsed, presence))
+        size = record.effective_sample_size
+        self._outcomes.append(Outcome(self._filter_name, self._model, error, log_evidence, size, elapsed, presence))
         return record
 
     def outcome(self, t: int) -> Outcome:
@@ -129,7 +132,7 @@ class Room(Generic[F]):
 
     @property
     def effective_sample_sizes(self) -> np.ndarray:
-        return np.array([record.effective_sample_size for record in self.trace])
+        return np.array([outcome.effective_sample_size for outcome in self._outcomes[self.trace.first - 1 :]])
 
     @property
     def log_evidences(self) -> np.ndarray:

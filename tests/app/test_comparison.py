@@ -8,6 +8,7 @@ from pfviz_app.settings import Settings
 from stand_ins import Visit
 
 from pfviz.exact import total_variation
+from pfviz.record import StepRecord
 
 FEW = Settings(world="linear-gaussian", toy_particles=40, tracker_particles=15, rival="condensation")
 
@@ -47,3 +48,18 @@ def test_the_table_names_both_filters_and_says_how_to_get_one(picture):
         assert "Step or play" in comparison_html(visit.do(Set("rival", "condensation")))
         kept = visit.do(Set("rival", "none"), Step(2), Keep(), Set("system", 2.0))
         assert "what was kept" in comparison_html(kept)
+
+
+def test_only_what_was_kept_is_said_to_be_kept(picture):
+    with Visit(Settings(toy_particles=12, tracker_particles=15)) as visit:
+        same = visit.do(Step(), Set("rival", Settings().filter))
+        assert "what was kept" not in comparison_html(same)
+        other = visit.do(Keep(), Set("filter", "condensation"))
+        assert "what was kept" in comparison_html(other)
+
+
+def test_what_is_known_of_every_step_is_not_worked_out_again(picture, monkeypatch):
+    page = comparison_html(picture)
+    monkeypatch.setattr(StepRecord, "effective_sample_size", None)
+    assert comparison_html(picture) == page
+    assert len(picture.toy.effective_sample_sizes) == 4
