@@ -12,7 +12,7 @@ import viser
 from viser import uplot
 
 from pfviz.genealogy import ancestor_counts
-from pfviz.particles import FloatArray
+from pfviz.particles import FloatArray, ParticleSet
 from pfviz_app.picture import Picture
 from pfviz_app.room import Room
 from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
@@ -51,6 +51,7 @@ class Plots:
 
     def __init__(self, client: viser.ClientHandle, panel: Any) -> None:
         self._shown: Any = None
+        self._latest: list[ParticleSet] = []
         self._drawn_at = 0.0
         tabs: tuple[tuple[str, tuple[tuple[str, Drawing], ...]], ...] = (
             (
@@ -74,10 +75,12 @@ class Plots:
     def draw(self, picture: Picture) -> None:
         """Show the rooms' records, unless nothing has changed or it is too soon."""
         now = time.monotonic()
-        state = (id(picture.lane), id(picture.rival), picture.last, picture.t, picture.settings)
+        latest = [lane.toy.trace.particles for lane, _ in _lanes(picture)]
+        state = (*map(id, latest), picture.last, picture.t, picture.playing, picture.settings)
         if state == self._shown or (picture.playing and now - self._drawn_at < _PERIOD):
             return
         self._shown, self._drawn_at = state, now
+        self._latest = latest  # so that no others get their ids
         palette = DARK if picture.settings.dark else LIGHT
         for chart, drawing in self._charts:
             chart.draw(*drawing(picture, palette), palette)

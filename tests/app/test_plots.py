@@ -1,11 +1,12 @@
 """What the charts show is what is recorded."""
 
+from dataclasses import replace
 from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
 from pfviz_app import plots
-from pfviz_app.commands import Set, Step
+from pfviz_app.commands import Drag, Set, Step
 from pfviz_app.settings import Settings
 from pfviz_app.stage.palette import LIGHT
 from stand_ins import Visit
@@ -75,6 +76,21 @@ def test_a_chart_is_sent_only_when_something_has_changed(picture):
     assert [chart.data for chart in sent] == first
     assert len(sent) == 6
     assert all(len(chart.series) == len(chart.data) for chart in sent)
+
+
+def test_the_charts_follow_what_is_dragged_and_the_pause():
+    client, sent = MagicMock(), []
+    client.gui.add_uplot.side_effect = lambda *_, **__: sent.append(MagicMock()) or sent[-1]
+    charts = plots.Plots(client, MagicMock())
+    with Visit(replace(FEW, rival="none")) as visit:
+        picture = visit.do(Step(5))
+        charts.draw(replace(picture, playing=True))
+        assert all(np.isnan(line).all() for line in sent[5].data[1:])
+        charts.draw(picture)
+        assert sent[5].data[1][0] > 0, "ancestors are counted when it stops"
+        before = sent[1].data[1][4]
+        charts.draw(visit.do(Drag(4.0, 0.0)))
+        assert sent[1].data[1][4] == picture.toy.errors[4] != before
 
 
 def test_before_the_first_step_there_is_nothing_to_draw():
