@@ -8,6 +8,7 @@ from pfviz_app.commands import Set, Step
 from pfviz_app.settings import Settings
 from pfviz_app.stage.board import Board
 from pfviz_app.stage.stage import Stage
+from pfviz_app.stage.tracker import TrackerStage
 from stand_ins import Visit
 
 from pfviz.filters import FILTERS
@@ -74,3 +75,9 @@ def test_a_pixel_stands_for_a_place(stage):
     assert stage.frame_place(x, y) is not None
     assert stage.frame_place(-5.0, -5.0) is None
     assert stage.toy_place(-1e6, 0.0) == pytest.approx(-2.6)
+
+
+def test_another_frame_is_not_taken_for_one_whose_place_in_memory_it_has():
+    drawing = TrackerStage(MagicMock())
+    for shade in (10, 200, 90):
+        assert (drawing._shown(np.full((40, 60, 3), shade, np.uint8)) == shade).all()

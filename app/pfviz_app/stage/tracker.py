@@ -62,7 +62,7 @@ class TrackerStage:
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._frame: tuple[int, NDArray[np.uint8]] | None = None
+        self._frame: tuple[Image, NDArray[np.uint8]] | None = None
         self._windows: tuple[Window, ...] = ()
 
     def place(self, x: float, y: float) -> Point | None:
@@ -113,10 +113,10 @@ class TrackerStage:
 
     def _shown(self, image: Image) -> NDArray[np.uint8]:
         """The frame as RGB, at most 640 pixels wide; the same array for the same frame."""
-        if self._frame is None or self._frame[0] != id(image):
+        if self._frame is None or self._frame[0] is not image:
             shrink = min(1.0, 640.0 / image.shape[1])
             small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
-            self._frame = (id(image), _rgb(small))
+            self._frame = (image, _rgb(small))
         return self._frame[1]
 
     def _close_up(self, rect: Rect, frame: Rect, estimate: TrackEstimate, image: Image, palette: Palette) -> Window:
