@@ -2,8 +2,10 @@
 
 from pfviz.vision.drawing import VideoWriter, draw_track
 from pfviz.vision.limits import Limits, display_name
+from pfviz.vision.motion import DEFAULT_DYNAMICS, DYNAMICS
 from pfviz.vision.presence import AT_START, NOT_YET_FOUND, Presence, PresenceRule
 from pfviz.vision.restart import Restarting
+from pfviz.vision.shapes import DEFAULT_SHAPE, SHAPES
 from pfviz.vision.shared import SharedVideo
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track, write_csv
 from pfviz.vision.tracker import (
@@ -28,9 +30,13 @@ from pfviz.vision.video import (
 __all__ = [
     "AT_START",
     "CSV_HEADER",
+    "DEFAULT_DYNAMICS",
     "DEFAULT_MODEL",
+    "DEFAULT_SHAPE",
+    "DYNAMICS",
     "MODELS",
     "NOT_YET_FOUND",
+    "SHAPES",
     "EndOfVideo",
     "Limits",
     "Presence",
