@@ -442,7 +442,7 @@ class Session:
         except ValueError as error:
             raise SettingError(str(error)) from None
         self._tracker_film.close()
-        self._tracker_film, self._playing = film, False
+        self._tracker_film, self._playing, self._outline = film, False, None
         self._restart()
         self._message = "Now mark what to follow: press Select in the picture and drag a rectangle about it."
 

@@ -801,7 +801,8 @@ def test_an_outline_is_clicked_corner_by_corner(visit):
 
 def test_a_video_of_ones_own_is_read_and_its_file_deleted(visit, tmp_path):
     path = write_disc_video(tmp_path / "disc.mp4").rename(tmp_path / "upload-0")
-    picture = visit.do(Load(path, "<b>mine</b>\n.mp4"))
+    picture = visit.do(Outline(), Click(20.0, 20.0), Load(path, "<b>mine</b>\n.mp4"))
+    assert picture.outline is None, "it was of another video"
     assert picture.tracker.film.setup.title == r"Video: <b>mine</b>\n.mp4"
     assert visit.do(Select(12.0, 26.0, 32.0, 46.0), Step(3)).t == 3
     visit.session.close()
