@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfviz.particles import FloatArray
+from pfviz.particles import FloatArray, log_sum_exp
 from pfviz.record import StepRecord
 from pfviz_app.stage.palette import DARK, LIGHT
 from pfviz_app.stage.seen import Seen, first_of_equals, likeliest_histories
@@ -64,12 +64,13 @@ def receipt(record: StepRecord, index: int) -> Receipt | None:
     log_weights = stage.particles.log_weights
     log_factors = {name: float(values[index]) for name, values in stage.log_factors.items()}
     log_before = float(earlier.log_weights[index])
+    unnormalised = earlier.log_weights + sum(stage.log_factors.values(), np.zeros(len(log_weights)))
     return Receipt(
         index=index,
         state=stage.particles.innovation[index],
         before=float(np.exp(log_before)),
         factors=tuple((name, float(np.exp(value))) for name, value in log_factors.items()),
-        normaliser=float(np.exp(log_before + sum(log_factors.values()) - log_weights[index])),
+        normaliser=float(np.exp(log_sum_exp(unnormalised))),
         weight=float(np.exp(log_weights[index])),
         rank=int(np.sum(log_weights > log_weights[index])) + 1,
         count=len(stage.particles),

@@ -217,6 +217,7 @@ class Session:
         self._rival = Lane(rival, film, self._tracker_film) if rival else None
 
     def _restart(self) -> None:
+        self._outline = None
         kept = self._rival.settings if self._rival and self._settings.rival == ITSELF else None
         s = self._settings
         if kept and kept.world != s.world:

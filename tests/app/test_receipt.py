@@ -5,6 +5,8 @@ import pytest
 from pfviz_app.receipt import receipt, receipt_html
 
 from pfviz.filters import FILTERS, make_filter
+from pfviz.particles import ParticleSet
+from pfviz.record import Stage, StepRecord
 from pfviz.running import run
 from pfviz.worlds import get_world
 
@@ -71,3 +73,17 @@ def test_copies_of_a_history_count_together(record):
         assert len(set(shown)) == len(shown)
         assert all(states.index(states[i]) == i for i, probability in slip.choices if probability > 1e-9)
         assert slip.history < 0 or states.index(states[slip.history]) == slip.history
+
+
+def test_a_particle_of_no_weight_has_a_receipt_too():
+    """Uniform noise explains some particles not at all."""
+    stage_set = ParticleSet(np.zeros((3, 1, 1)), np.log([0.5, 0.5, 1e-300]))
+    likelihood = np.array([0.0, -np.inf, -1.0])
+    weighed = ParticleSet(np.zeros((3, 1, 1)), stage_set.log_weights + likelihood + np.log(2.0))
+    stages = (
+        Stage("predict", stage_set, np.arange(3), np.arange(3)),
+        Stage("weight", weighed, np.arange(3), np.arange(3), {"likelihood": likelihood}),
+    )
+    slip = receipt(StepRecord(np.zeros(1), stage_set, stages, 0.0), 1)
+    assert slip.weight == 0.0 and slip.normaliser == pytest.approx(0.5)
+    assert "nan" not in receipt_html(slip, dark=False)

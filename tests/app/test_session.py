@@ -795,6 +795,7 @@ def test_an_outline_is_clicked_corner_by_corner(visit):
     assert picture.outline == tuple(corners)
     picture = visit.do(Outline())
     assert picture.outline is None and picture.tracker.film.chosen_start.outline == tuple(corners)
+    assert visit.do(Outline(), Click(20.0, 20.0), Reset()).outline is None, "it can be given up"
     picture = visit.do(Outline(), Click(20.0, 20.0), Outline())
     assert "3 corners" in picture.message and picture.outline is None
 
