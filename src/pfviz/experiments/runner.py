@@ -20,7 +20,8 @@ def finished(
 ) -> Iterator[tuple[Job, list[Row]]]:
     """Run ``jobs`` on ``executor`` and yield each with its rows as it ends, in whatever order.
 
-    Closing the iterator cancels what has not begun, and so does an exception from ``check``, which is called several
+    Of jobs that have ended together those that have failed come last, so that nothing that was done is lost. Closing the
+    iterator cancels what has not begun, and so does an exception from ``check``, which is called several
     times a second.
 
     Raises:
@@ -36,7 +37,8 @@ def finished(
             if not running:
                 return
             check()
-            for future in wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED).done:
+            done = wait(running, timeout=_PATIENCE, return_when=FIRST_COMPLETED).done
+            for future in sorted(done, key=lambda future: future.exception() is not None):
                 job = running.pop(future)
                 yield job, _rows(future, job)
     finally:
