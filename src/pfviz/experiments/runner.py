@@ -20,9 +20,9 @@ def finished(
 ) -> Iterator[tuple[Job, list[Row]]]:
     """Run ``jobs`` on ``executor`` and yield each with its rows as it ends, in whatever order.
 
-    Of jobs that have ended together those that have failed come last, so that nothing that was done is lost. Closing the
-    iterator cancels what has not begun, and so does an exception from ``check``, which is called several
-    times a second.
+    Of jobs that have ended together those that have failed come last, so that nothing that was done is lost. Closing
+    the iterator cancels what has not begun, and so does an exception from ``check``, which is called several times a
+    second.
 
     Raises:
         ExperimentError: if a job fails; the message names it.
