@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, replace
@@ -25,6 +26,7 @@ from pfviz_app.exact_answer import ExactAnswer
 
 Point = tuple[float, float]
 TOY_STEPS = 2000
+_KEPT_ESTIMATES = 4
 
 
 class Film(Protocol):
@@ -193,6 +195,7 @@ class VideoFilm:
         self.setup = self._given = setup
         self.source = source or setup.open()
         self.chosen_start: Start | None = None
+        self._estimates: deque[tuple[StepRecord, TrackEstimate]] = deque(maxlen=_KEPT_ESTIMATES)
         self._temporary: Path | None = None
 
     @classmethod
@@ -227,6 +230,7 @@ class VideoFilm:
             ValueError: if there is nothing to follow there.
         """
         film = copy(self)
+        film._estimates = deque(maxlen=_KEPT_ESTIMATES)
         film.setup, film.chosen_start = self._given, start
         if start is not None:
             film.setup = replace(self._given, model=start.learn(self.source), start_frame=start.frame)
@@ -278,8 +282,16 @@ class VideoFilm:
         truth = self._source_truth(t)
         if truth is None:
             return float("nan")
-        estimate = self.setup.model.estimate(record)
+        estimate = self.estimate(record)
         return float(np.hypot(estimate.x - truth[0], estimate.y - truth[1]))
+
+    def estimate(self, record: StepRecord) -> TrackEstimate:
+        """Where the object is, by ``record``; of the latest records it is worked out only once."""
+        for known, estimate in self._estimates:
+            if known is record:
+                return estimate
+        self._estimates.append((record, self.setup.model.estimate(record)))
+        return self._estimates[-1][1]
 
     @property
     def presence(self) -> Presence:
@@ -292,7 +304,7 @@ class VideoFilm:
         return model if presence is None else model.given(presence)
 
     def presence_after(self, model: TrackerModel, before: Presence | None, record: StepRecord) -> Presence | None:
-        return None if before is None else model.presence(before, record)
+        return None if before is None else model.presence(before, record, self.estimate(record))
 
     def close(self) -> None:
         self.source.close()

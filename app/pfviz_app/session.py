@@ -48,10 +48,13 @@ from pfviz_app.picture import Picture, View
 from pfviz_app.scenarios import find_scenario
 from pfviz_app.settings import ITSELF, NOBODY, RUNNING, SettingError, Settings
 from pfviz_app.share import CORNER_DIGITS, PLACE_DIGITS, Shared, decode
+from pfviz_app.turns import Turns
 
 log = logging.getLogger(__name__)
 
 _PROGRESS_PERIOD = 0.25
+_TURNS = Turns(2)
+"""Of all sessions so many step and draw at once."""
 _TASTE = ("dark", "speed", "arrows", "truth", "exact", "ancestry", "overlay")
 """Settings that a situation of the gallery leaves as the visitor likes them."""
 
@@ -104,12 +107,17 @@ class Session:
         while not self._closed:
             for command in self._next_commands():
                 self._attempt(self._obey, command)
-            if self._playing and time.monotonic() >= self._due:
-                self._due = time.monotonic() + 1.0 / self._settings.speed
-                self._attempt(self._advance)
             if not self._closed:
-                self._attempt(self._draw)
+                with _TURNS:
+                    self._play_on()
         self._tracker_film.close()
+
+    def _play_on(self) -> None:
+        """The next step, if it is due, and the picture."""
+        if self._playing and time.monotonic() >= self._due:
+            self._due = time.monotonic() + 1.0 / self._settings.speed
+            self._attempt(self._advance)
+        self._attempt(self._draw)
 
     def _attempt(self, action: Any, *arguments: Any) -> None:
         """Do it; if it fails, pause and say why. The session goes on, and reset works."""

@@ -84,7 +84,7 @@ class TrackerStage:
         model = picture.tracker.outcome(t).model
         assert isinstance(model, TrackerModel)
         record = picture.tracker.trace[t]
-        estimate = model.estimate(record)
+        estimate = film.estimate(record)
         close = self._close_up(rect, whole.rect, estimate, image, palette)
         self._windows = (whole, close)
         seen = Seen(record, picture.stage)
