@@ -50,6 +50,7 @@ class Plots:
     """Small charts in tabs, redrawn now and then while the film runs."""
 
     def __init__(self, client: viser.ClientHandle, panel: Any) -> None:
+        self._client = client
         self._shown: Any = None
         self._latest: list[ParticleSet] = []
         self._drawn_at = 0.0
@@ -82,8 +83,9 @@ class Plots:
         self._shown, self._drawn_at = state, now
         self._latest = latest  # so that no others get their ids
         palette = DARK if picture.settings.dark else LIGHT
-        for chart, drawing in self._charts:
-            chart.draw(*drawing(picture, palette), palette)
+        with self._client.atomic():
+            for chart, drawing in self._charts:
+                chart.draw(*drawing(picture, palette), palette)
 
 
 class _Chart:
@@ -105,17 +107,25 @@ class _Chart:
 
     def draw(self, places: FloatArray, lines: Sequence[Line], palette: Palette) -> None:
         lines = [line for line in lines if np.isfinite(line.values).any()] or lines[:1]
-        style = (palette, [(line.label, line.colour, line.scale, line.dashed) for line in lines])
-        if style != self._style:
-            self._style = style
-            self._plot.series = (uplot.Series(label="x"), *(_stroke(line) for line in lines))
-            self._plot.axes = _axes(lines, palette)
         reach = (float(places[0]), float(places[-1]))
         if reach != self._reach:
             self._reach = reach
             self._plot.scales = {"x": {"time": False, "range": reach}}
         thin = slice(None, None, len(places) // _MOST_POINTS + 1)
-        self._plot.data = (places[thin], *(line.values[thin] for line in lines))
+        data = (places[thin], *(line.values[thin] for line in lines))
+        if len(data) >= len(self._plot.data):  # the browser must never find a curve without its numbers
+            self._plot.data = data
+            self._restyle(lines, palette)
+        else:
+            self._restyle(lines, palette)
+            self._plot.data = data
+
+    def _restyle(self, lines: Sequence[Line], palette: Palette) -> None:
+        style = (palette, [(line.label, line.colour, line.scale, line.dashed) for line in lines])
+        if style != self._style:
+            self._style = style
+            self._plot.series = (uplot.Series(label="x"), *(_stroke(line) for line in lines))
+            self._plot.axes = _axes(lines, palette)
 
 
 # What is drawn

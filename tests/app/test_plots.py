@@ -93,6 +93,28 @@ def test_the_charts_follow_what_is_dragged_and_the_pause():
         assert sent[1].data[1][4] == picture.toy.errors[4] != before
 
 
+def test_no_curve_is_ever_without_its_numbers(picture):
+    """uPlot trips over a series that has no data yet, or no longer."""
+    client, faults = MagicMock(), []
+
+    class Chart:
+        def __init__(self, data, series, **_):
+            self.__dict__.update(data=data, series=series)
+
+        def __setattr__(self, name, value):
+            self.__dict__[name] = value
+            if len(self.series) > len(self.data):
+                faults.append((len(self.series), len(self.data)))
+
+    client.gui.add_uplot.side_effect = Chart
+    charts = plots.Plots(client, MagicMock())
+    with Visit(replace(FEW, rival="none")) as visit:
+        alone = visit.do(Step(2))
+        for shown in (alone, picture, alone, picture):
+            charts.draw(shown)
+    assert not faults
+
+
 def test_before_the_first_step_there_is_nothing_to_draw():
     with Visit(Settings(toy_particles=12, tracker_particles=15)) as visit:
         picture = visit.do(Set("arrows", 3))

@@ -115,15 +115,52 @@ def restricted(dynamics: Dynamics, states: FloatArray, components: Components) -
 def sample_histories(
     streams: Streams, dynamics: Dynamics, histories: ParticleSet, proposed: Stage, components: Components
 ) -> Associated:
-    """Draw for each innovation u_i a history I_i with probability proportional to w_l p(u_i | x_l)."""
+    """Draw for each innovation u_i a history I_i with probability proportional to w_l p(u_i | x_l).
+
+    Neighbours of equal state, the copies that resampling makes, are drawn as one with the sum of their weights, and
+    then one of them by its weight: the same distribution for less work.
+    """
     innovations = proposed.particles.innovation
     means, covariance = restricted(dynamics, histories.states, components)
-    uniforms = streams.of("associate").random(len(innovations))
-    log_mixture, chosen = kernels.sample_histories(innovations, means, histories.log_weights, covariance, uniforms)
+    rng = streams.of("associate")
+    uniforms = rng.random(len(innovations))
+    first, log_weights = merged_copies(histories)
+    log_mixture, chosen = kernels.sample_histories(innovations, means[first], log_weights, covariance, uniforms)
+    if len(first) < len(histories):
+        chosen = one_of_copies(histories.weights, first, chosen, rng.random(len(chosen)))
     association = Association(histories, innovations, chosen, means, covariance)
     everyone = np.arange(len(innovations))
     stage = Stage("associate", proposed.particles, everyone, chosen, association=association)
     return Associated(stage, log_mixture)
+
+
+def merged_copies(particles: ParticleSet) -> tuple[IntArray, FloatArray]:
+    """The index of the first of each run of neighbours of equal state, and the log of their summed weights."""
+    flat = particles.states.reshape(len(particles), -1)
+    first = np.flatnonzero(np.concatenate([[True], (flat[1:] != flat[:-1]).any(axis=1)]))
+    if len(first) == len(particles):
+        return first, particles.log_weights
+    with np.errstate(divide="ignore"):
+        return first, np.log(np.add.reduceat(particles.weights, first))
+
+
+def one_of_copies(weights: FloatArray, first: IntArray, chosen: IntArray, uniforms: FloatArray) -> IntArray:
+    """For each of the ``chosen`` runs of copies one of its members, drawn by weight.
+
+    Args:
+        weights: ``(N,)``, of all particles.
+        first: ``(R,)``, where the runs begin.
+        chosen: ``(M,)``, indices of runs.
+        uniforms: ``(M,)``, in [0, 1).
+
+    Returns:
+        ``(M,)``, indices of particles.
+    """
+    edges = np.concatenate([first, [len(weights)]])
+    cumulative = np.concatenate([[0.0], np.cumsum(weights)])
+    low, high = cumulative[edges[chosen]], cumulative[edges[chosen + 1]]
+    found = np.searchsorted(cumulative, low + uniforms * (high - low), side="right") - 1
+    return np.clip(found, edges[chosen], edges[chosen + 1] - 1)
 
 
 def log_mixture(
