@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from oracles import OneStep, measured, random_model, z_scores
 
-from pfviz.filters import FILTERS, make_filter
+from pfviz.filters import FILTERS, make_filter, steps
 from pfviz.particles import ParticleSet
 from pfviz.randomness import step_rng
 from pfviz.worlds import ToyModel
@@ -50,3 +50,31 @@ def one_step_z(name: str, model: ToyModel, particles: ParticleSet, observation, 
 def test_unnormalised_estimates_are_unbiased(name, case):
     z = one_step_z(name, *setting(*MODELS[case]))
     assert max(map(abs, z.values())) < 5, z
+
+
+def copied(seed=0):
+    """The particles of ``setting``, resampled: many copies side by side."""
+    model, particles, observation = setting(2, 2, (1,))
+    chosen = np.sort(
+        np.random.default_rng(seed).choice(
+            len(particles), len(particles), p=particles.weights**2 / (particles.weights**2).sum()
+        )
+    )
+    return model, particles.take(chosen), observation
+
+
+@pytest.mark.parametrize("name", [name for name in UNBIASED if "hs-sir" in name])
+def test_a_step_from_copies_is_unbiased(name):
+    z = one_step_z(name, *copied(), seeds=SEEDS // 2)
+    assert max(map(abs, z.values())) < 5, z
+
+
+def test_the_mixture_is_that_of_all_copies():
+    model, particles, observation = copied()
+    record = make_filter("rb-ss-hs-sir", len(particles)).step(step_rng(0, 1), model, particles, observation)
+    association = record.association
+    expected = np.logaddexp.reduce(association.log_joint(np.arange(len(particles))), axis=1)
+    np.testing.assert_allclose(record.stage("weight").log_factors["mixture"], expected, atol=1e-3)
+    first, _ = steps.merged_copies(particles)
+    assert len(first) < 0.8 * len(particles)
+    assert not set(association.chosen.tolist()) <= set(first.tolist()), "any of the copies may be drawn"
