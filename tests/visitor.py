@@ -41,7 +41,7 @@ class Visitor:
         self._context, self._url = context, url
         self.page = context.new_page()
         self.page.on("console", self._heard)
-        self.page.on("pageerror", lambda error: self.complaints.append(f"page error: {error}"))
+        self.page.on("pageerror", lambda error: self.complaints.append(f"page error: {error} {error.stack}"))
 
     def _heard(self, message: ConsoleMessage) -> None:
         if message.type == "error" and _OF_VISER not in message.text:

@@ -19,6 +19,7 @@ from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
 
 _PERIOD = 0.5
 _MOST_POINTS = 400
+_CURVES = 5
 _REACHES = (25, 50, 100, 200, 400, 1000, 2000)
 _GENERATIONS = 30
 
@@ -89,15 +90,19 @@ class Plots:
 
 
 class _Chart:
-    """A chart that is sent anew when its curves change, and its axes and colours only when those do."""
+    """A chart that is sent anew when its curves change, and its axes and colours only when those do.
+
+    It always has the same number of curves, the missing ones hidden: uPlot trips over a curve whose numbers have not
+    come yet, and what is sent in one go may arrive in two.
+    """
 
     def __init__(self, client: viser.ClientHandle, title: str) -> None:
         self._style: Any = None
         self._reach = (0.0, 1.0)
-        nothing = np.array([0.0, 1.0])
+
         self._plot = client.gui.add_uplot(
-            (nothing, nothing),
-            (uplot.Series(label="t"), uplot.Series(label="", show=False)),
+            tuple(np.array([0.0, 1.0]) for _ in range(_CURVES + 1)),
+            (uplot.Series(label="x"), *(uplot.Series(label="", show=False) for _ in range(_CURVES))),
             title=title,
             scales={"x": {"time": False}},
             height=128,
@@ -111,21 +116,16 @@ class _Chart:
         if reach != self._reach:
             self._reach = reach
             self._plot.scales = {"x": {"time": False, "range": reach}}
-        thin = slice(None, None, len(places) // _MOST_POINTS + 1)
-        data = (places[thin], *(line.values[thin] for line in lines))
-        if len(data) >= len(self._plot.data):  # the browser must never find a curve without its numbers
-            self._plot.data = data
-            self._restyle(lines, palette)
-        else:
-            self._restyle(lines, palette)
-            self._plot.data = data
-
-    def _restyle(self, lines: Sequence[Line], palette: Palette) -> None:
         style = (palette, [(line.label, line.colour, line.scale, line.dashed) for line in lines])
+        missing = _CURVES - len(lines)
         if style != self._style:
             self._style = style
-            self._plot.series = (uplot.Series(label="x"), *(_stroke(line) for line in lines))
+            hidden = [uplot.Series(label="", show=False) for _ in range(missing)]
+            self._plot.series = (uplot.Series(label="x"), *(_stroke(line) for line in lines), *hidden)
             self._plot.axes = _axes(lines, palette)
+        thin = slice(None, None, len(places) // _MOST_POINTS + 1)
+        nothing = np.full(len(places[thin]), np.nan)
+        self._plot.data = (places[thin], *(line.values[thin] for line in lines), *[nothing] * missing)
 
 
 # What is drawn
