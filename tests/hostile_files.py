@@ -7,6 +7,7 @@ import struct
 import wave
 import zlib
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import cv2
@@ -176,7 +177,11 @@ BAD_FILES: dict[str, Callable[[Path], None]] = {
 def children() -> set[int]:
     """The processes that this one has started and not yet buried (Linux)."""
     tasks = Path("/proc/self/task").iterdir()
-    return {int(pid) for task in tasks for pid in (task / "children").read_text().split()}
+    found: set[int] = set()
+    for task in tasks:
+        with suppress(OSError):  # a thread that has ended meanwhile
+            found |= {int(pid) for pid in (task / "children").read_text().split()}
+    return found
 
 
 def open_files() -> set[str]:
