@@ -11,6 +11,7 @@ import numpy as np
 
 from pfviz.exact import total_variation
 from pfviz.filters import FILTERS
+from pfviz_app.framing import framed
 from pfviz_app.picture import Picture
 from pfviz_app.room import Room
 from pfviz_app.settings import ITSELF
@@ -62,9 +63,9 @@ def comparison_html(picture: Picture) -> str:
     """The figures as a table, or how to get one."""
     rival = picture.rival
     if rival is None:
-        return _framed("Choose a filter under <b>Compare with</b>: it runs on the same data and random numbers.")
+        return framed("Choose a filter under <b>Compare with</b>: it runs on the same data and random numbers.")
     if not picture.t or picture.of_rival() is None:
-        return _framed("Step or play: the figures of both filters come here.")
+        return framed("Step or play: the figures of both filters come here.")
     palette = DARK if picture.settings.dark else LIGHT
     names = [FILTERS[lane.toy.outcome(picture.t).filter_name].title for lane in (picture.lane, rival)]
     colours = (palette.posterior, palette.rival)
@@ -82,7 +83,7 @@ def comparison_html(picture: Picture) -> str:
     since = ""
     if picture.settings.rival == ITSELF:
         since = "<div>The second is what was kept: its settings stay as they were.</div>"
-    return _framed(f'{since}<table style="width:100%;border-collapse:collapse">{body}</table>')
+    return framed(f'{since}<table style="width:100%;border-collapse:collapse">{body}</table>')
 
 
 def _row(figure: Figure) -> str:
@@ -95,7 +96,3 @@ def _row(figure: Figure) -> str:
 
 def _number(value: float, sign: str = "") -> str:
     return "–" if not np.isfinite(value) else f"{value:{sign}.3g}" if abs(value) < 1000 else f"{value:{sign},.0f}"
-
-
-def _framed(content: str) -> str:
-    return f'<div style="font-size:12.5px;line-height:1.4;padding:6px 12px 10px">{content}</div>'

@@ -30,6 +30,7 @@ from pfviz.experiments import (
 )
 from pfviz.experiments.charts import write_figure
 from pfviz_app.commands import Ask, Command
+from pfviz_app.framing import framed
 from pfviz_app.picture import Picture
 from pfviz_app.sending import send
 from pfviz_app.settings import ITSELF, NOBODY
@@ -62,7 +63,7 @@ class Laboratory:
         self._button = gui.add_button(_RUN)
         self._bar = gui.add_progress_bar(0.0, visible=False, animated=True)
         self._figure = gui.add_image(np.full((2, 2, 3), 255, np.uint8), visible=False)
-        self._text = gui.add_html(_framed("Runs in the background, with the settings that are on now."))
+        self._text = gui.add_html(framed("Runs in the background, with the settings that are on now."))
 
         @self._button.on_click
         async def _(_: object) -> None:
@@ -146,13 +147,13 @@ class Laboratory:
 
     def _show(self, summary: Summary) -> None:
         sentences = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in summary.sentences[:12])
-        self._text.content = _framed(f'<ul style="margin:0;padding-left:16px">{sentences}</ul>')
+        self._text.content = framed(f'<ul style="margin:0;padding-left:16px">{sentences}</ul>')
         if summary.figures:
             self._figure.image = _picture_of(summary)
             self._figure.visible = True
 
     def _say(self, message: str) -> None:
-        self._text.content = _framed(f"<b>{html.escape(message)}</b>")
+        self._text.content = framed(f"<b>{html.escape(message)}</b>")
 
 
 def _picture_of(summary: Summary) -> NDArray[np.uint8]:
@@ -161,7 +162,3 @@ def _picture_of(summary: Summary) -> NDArray[np.uint8]:
         png = next(path for path in write_figure(summary.figures[0], Path(folder)) if path.suffix == ".png")
         image: Any = cv2.imread(str(png), cv2.IMREAD_COLOR)
     return np.ascontiguousarray(image[..., ::-1])
-
-
-def _framed(content: str) -> str:
-    return f'<div style="font-size:12.5px;line-height:1.4;padding:6px 12px 10px">{content}</div>'

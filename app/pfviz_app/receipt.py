@@ -9,6 +9,7 @@ import numpy as np
 
 from pfviz.particles import FloatArray, log_sum_exp
 from pfviz.record import StepRecord
+from pfviz_app.framing import framed
 from pfviz_app.stage.palette import DARK, LIGHT
 from pfviz_app.stage.seen import Seen, first_of_equals, likeliest_histories
 
@@ -94,7 +95,7 @@ def _joined(record: StepRecord, index: int) -> tuple[int, tuple[tuple[int, float
 def receipt_html(slip: Receipt | None, dark: bool) -> str:
     """The receipt as a table, or how to get one."""
     if slip is None:
-        return _framed("Click a particle, an innovation or an outline in the picture to see how its weight came about.")
+        return framed("Click a particle, an innovation or an outline in the picture to see how its weight came about.")
     palette = DARK if dark else LIGHT
     rows = [("weight before", _number(slip.before))]
     rows += [
@@ -117,7 +118,7 @@ def receipt_html(slip: Receipt | None, dark: bool) -> str:
         if joins
         else f"<div>{chosen}</div>"
     )
-    return _framed(f"<div>{head}</div>{table}{body}{total}</table>{association}")
+    return framed(f"<div>{head}</div>{table}{body}{total}</table>{association}")
 
 
 def _factor(name: str, value: float) -> str:
@@ -132,7 +133,3 @@ def _number(value: float) -> str:
 def _row(label: str, value: str, style: str = "") -> str:
     cell = "padding:1px 0;text-align:right;font-variant-numeric:tabular-nums"
     return f'<tr style="{style}"><td>{html.escape(label)}</td><td style="{cell}">{html.escape(value)}</td></tr>'
-
-
-def _framed(content: str) -> str:
-    return f'<div style="font-size:12.5px;line-height:1.4;padding:6px 12px 10px">{content}</div>'
