@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pfviz.exact import Gaussian, GridMarginal, total_variation, total_variation_of_draws
+from pfviz.exact import Gaussian, GridMarginal, smoothed_density, total_variation, total_variation_of_draws
 from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.worlds import ToyModel
@@ -266,16 +266,6 @@ class Toy1d:
         """A curve of ``heights`` from 0 to 1 that stands on a row."""
         y = self._y(row) - self._plot.height * reach * heights
         self._board.polyline(name, np.stack([self._x(self._grid), y], axis=1), colour, 2.2, 1.0)
-
-
-def smoothed_density(particles: ParticleSet, grid: FloatArray) -> FloatArray:
-    """``(len(grid),)``: a kernel estimate of the density of one-dimensional particles, by Silverman's rule."""
-    values, weights = particles.states[:, 0, 0], particles.weights
-    deviation = float(np.sqrt(particles.covariance[0, 0]))
-    spacing = float(grid[1] - grid[0])
-    width = max(1.06 * deviation * particles.effective_sample_size**-0.2, spacing)
-    kernel = np.exp(-0.5 * ((grid[:, None] - values) / width) ** 2) / (width * np.sqrt(2.0 * np.pi))
-    return kernel @ weights
 
 
 def distance_text(particles: ParticleSet, exact: Gaussian | GridMarginal | None) -> str:

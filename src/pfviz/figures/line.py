@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from pfviz.exact import Gaussian, GridMarginal, total_variation
+from pfviz.exact import Gaussian, GridMarginal, smoothed_density, total_variation
 from pfviz.figures import style
 from pfviz.figures.reading import innovation_strengths, made_pairs, outcome, possible_pairs, proposal_stage
 from pfviz.model import Model, is_missing
@@ -267,12 +267,3 @@ def _legend(
         lines.append(("truth", style.TRUTH))
     for number, (text, colour) in enumerate(lines):
         page.note(page.heights["posterior"] + 1.2 - 0.4 * number, text, colour)
-
-
-def smoothed_density(particles: ParticleSet, grid: FloatArray) -> FloatArray:
-    """``(len(grid),)``: a kernel estimate of the density of one-dimensional particles, by Silverman's rule."""
-    values, weights = particles.states[:, 0, 0], particles.weights
-    deviation = float(np.sqrt(particles.covariance[0, 0]))
-    width = max(1.06 * deviation * particles.effective_sample_size**-0.2, float(grid[1] - grid[0]))
-    kernel = np.exp(-0.5 * ((grid[:, None] - values) / width) ** 2) / (width * np.sqrt(2.0 * np.pi))
-    return kernel @ weights

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pfviz_app.stage.toy_1d import smoothed_density
 
+from pfviz.exact import smoothed_density
 from pfviz.particles import ParticleSet
 
 GRID = np.linspace(-40.0, 40.0, 4001)
