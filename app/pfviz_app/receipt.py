@@ -7,11 +7,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfviz.genealogy import first_of_equals
 from pfviz.particles import FloatArray, log_sum_exp
 from pfviz.record import StepRecord
 from pfviz_app.framing import framed
 from pfviz_app.stage.palette import DARK, LIGHT
-from pfviz_app.stage.seen import Seen, first_of_equals, likeliest_histories
+from pfviz_app.stage.seen import Seen, likeliest_histories
 
 _FACTORS = {
     "likelihood": "likelihood p(y|x)",

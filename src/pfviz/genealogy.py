@@ -40,16 +40,21 @@ def parents(trace: Trace, t: int) -> IntArray:
     earlier, histories = particles_at(trace, t - 1), record.histories
     if record.previous is earlier:
         return histories
-    originals = _originals(record.previous, earlier)
+    originals = first_of_equals(record.previous, earlier)
     return np.where(histories >= 0, originals[histories], -1)
 
 
-def _originals(copies: ParticleSet, earlier: ParticleSet) -> IntArray:
-    """``(len(copies),)``: the index in ``earlier`` of the first particle of equal state; -1 where there is none."""
+def first_of_equals(particles: ParticleSet, among: ParticleSet | None = None) -> IntArray:
+    """``(N,)``: for each particle the index of the first one of equal state; -1 where there is none.
+
+    Args:
+        particles: N of them.
+        among: where equals are looked for; ``particles`` itself by default.
+    """
     first: dict[bytes, int] = {}
-    for index, state in enumerate(earlier.states):
+    for index, state in enumerate((particles if among is None else among).states):
         first.setdefault(state.tobytes(), index)
-    return np.array([first.get(state.tobytes(), -1) for state in copies.states], dtype=np.int64)
+    return np.array([first.get(state.tobytes(), -1) for state in particles.states], dtype=np.int64)
 
 
 def lineages(trace: Trace, t: int, depth: int) -> IntArray:

@@ -75,6 +75,13 @@ class Association:
         log_row = self.log_pool_weights + self._log_transition(self.pool, self.means[[index]])[:, 0]
         return np.exp(log_row - log_sum_exp(log_row))
 
+    def plausibility(self, indices: IntArray | slice = slice(None)) -> FloatArray:
+        """``(n,)``: p(u | x) of the joins made at ``indices``, relative to its peak; 0 where there is no history."""
+        chosen = self.chosen[indices]
+        deviations = self.innovations[indices] - self.means[np.maximum(chosen, 0)]
+        whitened = np.linalg.solve(np.linalg.cholesky(self.covariance), deviations.T)
+        return np.where(chosen >= 0, np.exp(-0.5 * np.sum(whitened * whitened, axis=0)), 0.0)
+
     def strongest(self, index: int, count: int) -> tuple[IntArray, FloatArray]:
         """The ``count`` most probable histories of innovation ``index`` and their probabilities, strongest first."""
         row = self.row(index)
@@ -179,6 +186,22 @@ class StepRecord:
     def association(self) -> Association | None:
         """The association of innovations and histories made in this iteration, if any was."""
         return next((stage.association for stage in self.stages if stage.association is not None), None)
+
+    @property
+    def origins(self) -> IntArray:
+        """``(M,)``: the index in ``previous`` of each history that the association could choose.
+
+        Raises:
+            ValueError: if innovations and histories were not associated in this iteration.
+        """
+        association = self.association
+        if association is None:
+            raise ValueError("nothing was associated in this iteration, so no histories could be chosen")
+        if association.histories is self.previous:
+            return np.arange(len(self.previous))
+        resampled = next(stage for stage in self.stages if stage.particles is association.histories)
+        assert resampled.histories is not None
+        return resampled.histories
 
     def stage(self, kind: StageKind) -> Stage | None:
         """The last stage of the given kind, if there is one."""

@@ -24,13 +24,12 @@ from pfviz_app.lane import Lane
 from pfviz_app.receipt import receipt
 from pfviz_app.room import Room
 from pfviz_app.settings import Settings
-from pfviz_app.stage.seen import first_of_equals
 from stand_ins import DISC_BOX, DiscVideo, disc_setup
 
 from pfviz import kernels
 from pfviz.figures.style import EXACT
 from pfviz.filters import FILTERS
-from pfviz.genealogy import unique_ancestors
+from pfviz.genealogy import first_of_equals, unique_ancestors
 from pfviz.vision import open_source
 from pfviz.worlds import WORLDS, get_world
 

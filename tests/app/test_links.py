@@ -92,6 +92,12 @@ def test_where_histories_are_not_sampled_no_join_is_merely_possible(filter_name)
     assert len(possible_links(record, 100).sources) == 0
 
 
+def test_where_nothing_was_associated_no_histories_could_be_chosen():
+    _, record = third_record("condensation", "figure-1")
+    with pytest.raises(ValueError, match="nothing was associated"):
+        _ = record.origins
+
+
 @pytest.mark.parametrize("filter_name", FILTERS)
 def test_no_arrows_where_none_are_wanted(filter_name):
     _, record = third_record(filter_name, "figure-1")

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from pfviz.particles import FloatArray, IntArray
-from pfviz.record import Association, StepRecord
-from pfviz_app.stage.seen import Seen, origins
+from pfviz.record import StepRecord
+from pfviz_app.stage.seen import Seen
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +50,7 @@ def made_links(record: StepRecord, count: int) -> Links:
     if not len(shown):
         return _NONE
     association = record.association
-    strengths = np.full(len(shown), 0.45) if association is None else _plausibility(association, shown)
+    strengths = np.full(len(shown), 0.45) if association is None else association.plausibility(shown)
     return Links(sources[shown], targets[shown], strengths)
 
 
@@ -64,12 +64,4 @@ def possible_links(record: StepRecord, count: int) -> Links:
         return _NONE
     rows = sample_evenly(len(association.innovations), max(count // 3, 8))
     innovations, histories, log_joint = association.strongest_pairs(count, rows)
-    return Links(origins(record)[histories], joins[1][innovations], np.exp(log_joint - log_joint.max()))
-
-
-def _plausibility(association: Association, indices: IntArray) -> FloatArray:
-    """``(n,)``: p(u | x) of the joins that were made, relative to its peak; 0 where there is no history."""
-    chosen = association.chosen[indices]
-    deviations = association.innovations[indices] - association.means[np.maximum(chosen, 0)]
-    whitened = np.linalg.solve(np.linalg.cholesky(association.covariance), deviations.T)
-    return np.where(chosen >= 0, np.exp(-0.5 * np.sum(whitened * whitened, axis=0)), 0.0)
+    return Links(record.origins[histories], joins[1][innovations], np.exp(log_joint - log_joint.max()))

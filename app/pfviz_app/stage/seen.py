@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from pfviz.figures.style import relative
+from pfviz.genealogy import first_of_equals
 from pfviz.particles import FloatArray, IntArray, ParticleSet
 from pfviz.record import Stage, StageKind, StepRecord
 
@@ -139,11 +141,6 @@ class Seen:
         return After(stage.particles, histories, strengths, joins[2])
 
 
-def relative(weights: FloatArray) -> FloatArray:
-    """Weights as strengths: the largest is 1."""
-    return weights / weights.max()
-
-
 def likeliest_histories(record: StepRecord, innovation: int, count: int) -> tuple[IntArray, FloatArray]:
     """The histories in ``record.previous`` that could best have produced an associated innovation, with probabilities.
 
@@ -154,24 +151,6 @@ def likeliest_histories(record: StepRecord, innovation: int, count: int) -> tupl
     if association is None or innovation >= len(association.innovations):
         return np.empty(0, np.int64), np.empty(0)
     totals = np.zeros(len(record.previous))
-    np.add.at(totals, first_of_equals(record.previous)[origins(record)], association.row(innovation))
+    np.add.at(totals, first_of_equals(record.previous)[record.origins], association.row(innovation))
     best = np.argsort(-totals, kind="stable")[:count]
     return best, totals[best]
-
-
-def first_of_equals(particles: ParticleSet) -> IntArray:
-    """``(N,)``: for each particle the index of the first one of equal state."""
-    flat = particles.states.reshape(len(particles), -1)
-    _, first, group = np.unique(flat, axis=0, return_index=True, return_inverse=True)
-    return first[group.ravel()]
-
-
-def origins(record: StepRecord) -> IntArray:
-    """For each of the histories that could be chosen, its index in ``record.previous``."""
-    association = record.association
-    assert association is not None
-    if association.histories is record.previous:
-        return np.arange(len(record.previous))
-    resampled = next(stage for stage in record.stages if stage.particles is association.histories)
-    assert resampled.histories is not None
-    return resampled.histories

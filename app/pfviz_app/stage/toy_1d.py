@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pfviz.exact import Gaussian, GridMarginal, smoothed_density, total_variation, total_variation_of_draws
+from pfviz.figures.style import relative
 from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.worlds import ToyModel
@@ -16,7 +17,7 @@ from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.lettering import fitted
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
-from pfviz_app.stage.seen import Seen, likeliest_histories, relative
+from pfviz_app.stage.seen import Seen, likeliest_histories
 
 _MOST_LINES = 250
 _MOST_POINTS = 2000

@@ -8,6 +8,7 @@ from __future__ import annotations
 import numpy as np
 
 from pfviz.exact import Gaussian
+from pfviz.figures.style import relative
 from pfviz.particles import FloatArray, ParticleSet
 from pfviz.record import StepRecord
 from pfviz.worlds import ToyModel
@@ -18,7 +19,7 @@ from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.lettering import fitted
 from pfviz_app.stage.links import made_links, possible_links, sample_evenly
 from pfviz_app.stage.palette import Palette, Rgb
-from pfviz_app.stage.seen import Seen, likeliest_histories, relative
+from pfviz_app.stage.seen import Seen, likeliest_histories
 from pfviz_app.stage.toy_1d import distance_text
 
 _MOST_LINES = 250

@@ -95,15 +95,8 @@ def made_pairs(record: StepRecord) -> Pairs:
     if association is None or not association.arbitrary:
         strengths = np.ones(len(joined))
     else:
-        strengths = _plausibility(association)[joined]
+        strengths = association.plausibility()[joined]
     return Pairs(new.histories[joined], new.proposed[joined], strengths)
-
-
-def _plausibility(association: Association) -> FloatArray:
-    """``(N,)``: p(u | x) of the joins that were made, relative to its peak."""
-    deviations = association.innovations - association.means[association.chosen]
-    whitened = np.linalg.solve(np.linalg.cholesky(association.covariance), deviations.T)
-    return np.exp(-0.5 * np.sum(whitened * whitened, axis=0))
 
 
 def possible_pairs(record: StepRecord, at_least: float = 0.01, most: int = 60) -> Pairs | None:
@@ -117,7 +110,7 @@ def possible_pairs(record: StepRecord, at_least: float = 0.01, most: int = 60) -
     association = record.association
     if association is None or association.arbitrary:
         return None
-    sources = _origins(record, association)
+    sources = record.origins
     choosers = np.arange(len(association.innovations))[:most]
     found: list[tuple[int, int, float]] = []
     targets = _targets(record, association)
@@ -136,12 +129,3 @@ def _targets(record: StepRecord, association: Association) -> IntArray:
     """``(N,)``: which proposed innovation each associated one is."""
     position = next(i for i, stage in enumerate(record.stages) if stage.association is association)
     return _traced(record, position)
-
-
-def _origins(record: StepRecord, association: Association) -> IntArray:
-    """For each of the histories that could be chosen, its index in ``record.previous``."""
-    if association.histories is record.previous:
-        return np.arange(len(record.previous))
-    resampled = next(stage for stage in record.stages if stage.particles is association.histories)
-    assert resampled.histories is not None
-    return resampled.histories
