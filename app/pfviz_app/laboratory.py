@@ -4,17 +4,12 @@ from __future__ import annotations
 
 import html
 import logging
-import tempfile
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
-from typing import Any
 
-import cv2
 import numpy as np
 import viser
-from numpy.typing import NDArray
 
 from pfviz.experiments import (
     EXPERIMENTS,
@@ -28,7 +23,7 @@ from pfviz.experiments import (
     get_small_experiment,
     plain_arms,
 )
-from pfviz.experiments.charts import write_figure
+from pfviz.experiments.charts import pixels_of
 from pfviz_app.commands import Ask, Command
 from pfviz_app.framing import framed
 from pfviz_app.picture import Picture
@@ -149,16 +144,8 @@ class Laboratory:
         sentences = "".join(f"<li>{html.escape(sentence)}</li>" for sentence in summary.sentences[:12])
         self._text.content = framed(f'<ul style="margin:0;padding-left:16px">{sentences}</ul>')
         if summary.figures:
-            self._figure.image = _picture_of(summary)
+            self._figure.image = pixels_of(summary.figures[0])
             self._figure.visible = True
 
     def _say(self, message: str) -> None:
         self._text.content = framed(f"<b>{html.escape(message)}</b>")
-
-
-def _picture_of(summary: Summary) -> NDArray[np.uint8]:
-    """``(h, w, 3)``: the first figure of a summary, as it is drawn for reports."""
-    with tempfile.TemporaryDirectory(prefix="pfviz-") as folder:
-        png = next(path for path in write_figure(summary.figures[0], Path(folder)) if path.suffix == ".png")
-        image: Any = cv2.imread(str(png), cv2.IMREAD_COLOR)
-    return np.ascontiguousarray(image[..., ::-1])

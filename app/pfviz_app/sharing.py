@@ -67,10 +67,9 @@ class Sharing:
 
     def show(self, picture: Picture) -> None:
         """The share code of what is on screen, unless the film runs."""
-        if picture.playing or picture.shared == self._shared:
+        if picture.playing or (shared := picture.shared) == self._shared:
             return
-        self._shared = picture.shared
-        code = encode(self._shared)
+        self._shared, code = shared, encode(shared)
         self._code.value = code
         log = picture.lane.log[: picture.t] or (picture.settings,)
         script = toy_script(log, picture.toy.film.held, picture.lane.plain)

@@ -69,7 +69,7 @@ def test_an_experiment_that_breaks_makes_room_and_says_why(bench, monkeypatch):
 
 
 def test_what_cannot_be_shown_makes_room_too(bench, monkeypatch):
-    monkeypatch.setattr(laboratory, "_picture_of", lambda summary: 1 / 0)
+    monkeypatch.setattr(laboratory, "pixels_of", lambda figure: 1 / 0)
     bench[1]["Seeds"].value = 2
     run(bench, world="linear-gaussian", filter="rb-hs-sir", rival="condensation")
     assert_over(bench[0])

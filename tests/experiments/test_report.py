@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from small_experiments import run_here, toy_comparison
 
-from pfviz.experiments.charts import write_figure
+from pfviz.experiments.charts import pixels_of, write_figure
 from pfviz.experiments.report import as_csv, as_markdown, table_in_markdown, write_report
 from pfviz.experiments.summary import Curve, CurveFigure, CurvePanel, Figure, HeatFigure, HeatPanel, Table
 
@@ -64,6 +64,12 @@ def test_a_figure_is_a_picture_and_a_drawing_of_the_same_bytes_every_time(figure
     assert "Date" not in text and "matplotlib.org/" not in text.replace("https://matplotlib.org/", "", 1)
     assert png.read_bytes() == again_png.read_bytes()
     assert svg.read_bytes() == again_svg.read_bytes()
+
+
+@pytest.mark.parametrize("figure", figures(), ids=lambda figure: figure.name)
+def test_a_figure_on_the_screen_is_the_one_in_the_file(figure, tmp_path):
+    png, _ = write_figure(figure, tmp_path)
+    np.testing.assert_array_equal(pixels_of(figure), cv2.imread(str(png))[..., ::-1])
 
 
 def _made(folder: Path) -> Path:

@@ -1,13 +1,17 @@
-"""The figures of a summary, drawn with matplotlib and written as PNG and SVG."""
+"""The figures of a summary, drawn with matplotlib: written as PNG and SVG, or as pixels for a screen."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from pfviz.experiments.summary import Curve, CurveFigure, CurvePanel, Figure, HeatFigure, HeatPanel
+from pfviz.figures.style import matplotlib_set_to
 from pfviz.particles import FloatArray
 
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#999999")
@@ -15,23 +19,40 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _STYLES = ("-", "--", ":")
 
 
+_DPI = 130
+
+
 def write_figure(figure: Figure, folder: Path) -> tuple[Path, Path]:
     """Write ``figure`` as PNG and SVG under its name; where they are."""
-    from matplotlib import rc_context
+    png, svg = folder / f"{figure.name}.png", folder / f"{figure.name}.svg"
+    with _drawn(figure) as canvas:
+        canvas.savefig(png, dpi=_DPI, metadata={"Software": None})
+        canvas.savefig(svg, metadata={"Date": None})
+    return png, svg
+
+
+def pixels_of(figure: Figure) -> NDArray[np.uint8]:
+    """``(h, w, 3)``: ``figure`` in RGB, the same as its PNG."""
+    with _drawn(figure) as canvas:
+        canvas.dpi = _DPI
+        canvas.canvas.draw()
+        return np.array(canvas.canvas.buffer_rgba())[..., :3]
+
+
+@contextmanager
+def _drawn(figure: Figure) -> Iterator[Any]:
+    """A figure of matplotlib's that looks as it should inside the block."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure as Canvas
 
-    with rc_context({"svg.hashsalt": f"pfviz {figure.name}", "font.size": 9}):
+    with matplotlib_set_to({"svg.hashsalt": f"pfviz {figure.name}", "font.size": 9}):
         canvas = Canvas(layout="constrained")
         FigureCanvasAgg(canvas)
         if isinstance(figure, CurveFigure):
             _draw_curves(canvas, figure)
         else:
             _draw_heat(canvas, figure)
-        png, svg = folder / f"{figure.name}.png", folder / f"{figure.name}.svg"
-        canvas.savefig(png, dpi=130, metadata={"Software": None})
-        canvas.savefig(svg, metadata={"Date": None})
-    return png, svg
+        yield canvas
 
 
 def _draw_curves(canvas: Any, figure: CurveFigure) -> None:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -37,6 +39,15 @@ _METADATA: dict[str, dict[str, Any]] = {
 }
 
 
+@contextmanager
+def matplotlib_set_to(settings: Mapping[Any, Any]) -> Iterator[None]:
+    """While the block runs matplotlib has these settings. They are everybody's, so one thread at a time has its way."""
+    from matplotlib import rc_context
+
+    with _LOCK, rc_context(dict(settings)):
+        yield
+
+
 def new_figure(width: float, height: float) -> Figure:
     """An empty figure of so many inches with a canvas of its own."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -62,10 +73,8 @@ def render(figure: Figure, format: Format | str = "png", dpi: float = 200.0) -> 
     """
     if format not in FORMATS:
         raise ValueError(f"format must be one of {', '.join(FORMATS)}, got {format!r}")
-    from matplotlib import rc_context
-
     stream = io.BytesIO()
-    with _LOCK, rc_context({"svg.hashsalt": "pfviz", "svg.fonttype": "path", "pdf.fonttype": 42}):
+    with matplotlib_set_to({"svg.hashsalt": "pfviz", "svg.fonttype": "path", "pdf.fonttype": 42}):
         figure.savefig(stream, format=format, dpi=dpi, metadata=_METADATA[format])
     return stream.getvalue()
 
