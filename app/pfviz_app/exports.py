@@ -157,7 +157,7 @@ def _changed(log: Sequence[Settings], elsewhere: str) -> Iterator[tuple[int, str
 
 
 def _noises(settings: Settings) -> str:
-    return ", ".join(f"{name}={getattr(settings, name)!r}" for name in ("system", "observation", "proposal"))
+    return ", ".join(f"{name}={factor!r}" for name, factor in settings.noises.items())
 
 
 def _outline(start: Start | None, frame: int) -> str:

@@ -44,6 +44,11 @@ class Settings:
     exact: bool = True
     dark: bool = False
 
+    @property
+    def noises(self) -> dict[str, float]:
+        """The factors by name, as ``model`` of a film and ``with_noise`` of a model take them."""
+        return {"system": self.system, "observation": self.observation, "proposal": self.proposal}
+
     def with_value(self, field: str, value: Any) -> Settings:
         """The settings with one of them changed.
 
