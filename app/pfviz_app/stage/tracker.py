@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pfviz.particles import FloatArray
 from pfviz.record import StepRecord
-from pfviz.vision.shapes import transforms
+from pfviz.vision.shapes import apply, transforms
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import Image
 from pfviz_app.films import Point
@@ -211,10 +211,8 @@ class TrackerStage:
         scale = model.extractor.working_scale
         states = after.particles.innovation[drawn]
         offsets = likelihood.edge_offsets(transforms(states, scale), seen.edge_map)[0]
-        placing = transforms(states)[0]
-        points = model.contour.points @ placing[:, :2].T + placing[:, 2]
-        along = model.contour.normals @ placing[:, :2].T
-        along /= np.linalg.norm(along, axis=1, keepdims=True) * scale
+        placing = transforms(states)
+        points, along = apply(placing, model.contour.points)[0], _normals_put(placing[0], model.contour.normals) / scale
         reach = likelihood.search
         ends = np.stack([close(points - reach * along), close(points + reach * along)], axis=1)
         self._board.segments("tracker/chosen/normals", ends, _BRIGHT, 1.2, 9.0)
@@ -274,6 +272,16 @@ class TrackerStage:
             x, y = close(centre)[0]
             ticks = [[[x - 9, y], [x + 9, y]], [[x, y - 9], [x, y + 9]]]
             self._board.segments("tracker/close/truth", ticks, _ON_IMAGE.truth, 3.5, 12.0)
+
+
+def _normals_put(matrix: FloatArray, normals: FloatArray) -> FloatArray:
+    """``(L, 2)``: where ``normals (L, 2)`` of an outline point, at unit length, when ``matrix (2, 3)`` has put it.
+
+    A map that shears does not keep right angles: normals go by its cofactors.
+    """
+    (a, b), (d, e) = matrix[:, :2]
+    along = normals @ np.array([[e, -b], [-d, a]])
+    return along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
 def _rgb(image: NDArray[Any]) -> NDArray[np.uint8]:
