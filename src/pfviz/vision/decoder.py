@@ -58,6 +58,18 @@ class Reader(Protocol):
         ...
 
 
+def _first_size(reader: Reader, trouble: str) -> tuple[int, int]:
+    """Width and height of the first frame, which all others must have.
+
+    Raises:
+        Unreadable: saying ``trouble``, if there is none.
+    """
+    first = reader.read(0)
+    if first is None:
+        raise Unreadable(trouble)
+    return first.shape[1], first.shape[0]
+
+
 class VideoReader:
     """A video file, decoded by FFmpeg through OpenCV.
 
@@ -81,10 +93,7 @@ class VideoReader:
         self.note: str | None = None
         self._end: int | None = None
         self.size: tuple[int, int] = (0, 0)
-        first = self.read(0)
-        if first is None:
-            raise Unreadable("no frame of this video can be decoded")
-        self.size = (first.shape[1], first.shape[0])
+        self.size = _first_size(self, "no frame of this video can be decoded")
 
     def _open(self) -> cv2.VideoCapture:
         threads = min(_THREADS, os.cpu_count() or 1)
@@ -174,10 +183,7 @@ class ImageReader:
         self.count: int | None = len(paths)
         self.note: str | None = None
         self.size: tuple[int, int] = (0, 0)
-        first = self.read(0)
-        if first is None:
-            raise Unreadable("the image cannot be decoded")
-        self.size = (first.shape[1], first.shape[0])
+        self.size = _first_size(self, "the image cannot be decoded")
 
     def read(self, index: int) -> Image | None:
         if self.count is not None and index >= self.count:
