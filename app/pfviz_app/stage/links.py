@@ -2,31 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from pfviz.particles import FloatArray, IntArray
+from pfviz.figures.reading import Pairs
+from pfviz.particles import IntArray
 from pfviz.record import StepRecord
 from pfviz_app.stage.seen import Seen
 
 
-@dataclass(frozen=True, slots=True)
-class Links:
-    """Arrows from the particles before the step to what was proposed in it.
-
-    Attributes:
-        sources: ``(n,)``, indices into ``record.previous``.
-        targets: ``(n,)``, indices into the proposed innovations.
-        strengths: ``(n,)``, from 0 to 1.
-    """
-
-    sources: IntArray
-    targets: IntArray
-    strengths: FloatArray
-
-
-_NONE = Links(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
+_NONE = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
 
 
 def sample_evenly(total: int, count: int) -> IntArray:
@@ -36,7 +20,7 @@ def sample_evenly(total: int, count: int) -> IntArray:
     return np.unique(np.linspace(0, total - 1, max(count, 1)).astype(np.int64))
 
 
-def made_links(record: StepRecord, count: int) -> Links:
+def made_links(record: StepRecord, count: int) -> Pairs:
     """The joins that were made, at most ``count`` of them, spread evenly.
 
     The strength is p(u | x) relative to its peak: how well the history explains the innovation.
@@ -51,10 +35,10 @@ def made_links(record: StepRecord, count: int) -> Links:
         return _NONE
     association = record.association
     strengths = np.full(len(shown), 0.45) if association is None else association.plausibility(shown)
-    return Links(sources[shown], targets[shown], strengths)
+    return Pairs(sources[shown], targets[shown], strengths)
 
 
-def possible_links(record: StepRecord, count: int) -> Links:
+def possible_links(record: StepRecord, count: int) -> Pairs:
     """The ``count`` most probable joins of history sampling; none where histories are not sampled.
 
     The strength is w_l p(u_i | x_l), relative to the strongest one.
@@ -64,4 +48,4 @@ def possible_links(record: StepRecord, count: int) -> Links:
         return _NONE
     rows = sample_evenly(len(association.innovations), max(count // 3, 8))
     innovations, histories, log_joint = association.strongest_pairs(count, rows)
-    return Links(record.origins[histories], joins[1][innovations], np.exp(log_joint - log_joint.max()))
+    return Pairs(record.origins[histories], joins[1][innovations], np.exp(log_joint - log_joint.max()))
