@@ -9,7 +9,6 @@ from pfviz.particles import IntArray
 from pfviz.record import StepRecord
 from pfviz_app.stage.seen import Seen
 
-
 _NONE = Pairs(np.empty(0, np.int64), np.empty(0, np.int64), np.empty(0))
 
 
