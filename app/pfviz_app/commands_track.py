@@ -148,7 +148,7 @@ def _learnt(path: str) -> Autoregression:
 
 def _filter(options: argparse.Namespace) -> Filter:
     filter = make_filter(options.filter, options.particles)
-    return filter if options.no_restart else cast(Filter, Restarting(filter))
+    return cast(Filter, Restarting(filter, share=0.0) if options.no_restart else Restarting(filter))
 
 
 @contextmanager
