@@ -111,7 +111,7 @@ class Laboratory:
             raise ExperimentError("The truth about this video is not known: take one of the scenes, or the toy.")
         rivals = [s.rival] if s.rival not in (NOBODY, ITSELF) else [name for name in _OTHERS if name != s.filter]
         values = [max(round(particles * factor), 1) for factor in _FACTORS] if knob == "particles" else _FACTORS
-        noises = {name: factor for name, factor in s.noises.items() if name != knob}
+        noises: dict[str, Any] = {name: factor for name, factor in s.noises.items() if name != knob}
         return comparison(place, plain_arms([s.filter, *rivals], particles), knob, values, **noises)
 
     def _progressed(self, progress: Progress) -> None:
