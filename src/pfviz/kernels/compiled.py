@@ -119,39 +119,44 @@ def _exp2_overload(t):
 # reduction.
 LANES = 16
 DEPTH = 8
+BLOCK = LANES * DEPTH
+
+CELL = 3.0  # the side of the cells that innovations are grouped by
+_PER_CELL = 1.0 / CELL
+_BUCKETS = 1024
+_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
+_U31 = np.uint64(31)
+_PLAIN_RANGE = 60.0  # exponents may differ by so much without the largest being taken out of each row
 
 helper = njit(fastmath=FAST, error_model="numpy")
 
 
 @helper
-def _term(base, x, y, a, b):
-    dx = x - a
-    dy = y - b
-    return _exp2(base - dx * dx - dy * dy)
+def _term(base, x, y, a, b, peak):
+    return _exp2(base + (x * a + y * b) - peak)
 
 
 @helper
-def _sum_row(base, z, u, sums, lanes):
-    """Sum of 2**(base_l - |z_l - u|^2) over the first two coordinates; its parts by lane and block, and by
-    lane."""
-    x, y = z[0], z[1]
-    a, b = u[0], u[1]
-    block = LANES * DEPTH
-    blocks = len(base) // block
+def _sum_row(base, slopes, v, peak, sums, lanes):
+    """Sum of 2**(base_l + slopes_l v - peak) over the first two coordinates; its parts by lane and block, and
+    by lane."""
+    x, y = slopes[0], slopes[1]
+    a, b = v[0], v[1]
+    blocks = len(base) // BLOCK
     for k in range(blocks):
-        w = base[k * block : (k + 1) * block]
-        p = x[k * block : (k + 1) * block]
-        q = y[k * block : (k + 1) * block]
+        w = base[k * BLOCK : (k + 1) * BLOCK]
+        p = x[k * BLOCK : (k + 1) * BLOCK]
+        q = y[k * BLOCK : (k + 1) * BLOCK]
         s = sums[k * LANES : (k + 1) * LANES]
         for l in range(LANES):
             i1, i2, i3 = l + LANES, l + 2 * LANES, l + 3 * LANES
             i4, i5, i6, i7 = l + 4 * LANES, l + 5 * LANES, l + 6 * LANES, l + 7 * LANES
             s[l] = (
-                (_term(w[l], p[l], q[l], a, b) + _term(w[i1], p[i1], q[i1], a, b))
-                + (_term(w[i2], p[i2], q[i2], a, b) + _term(w[i3], p[i3], q[i3], a, b))
+                (_term(w[l], p[l], q[l], a, b, peak) + _term(w[i1], p[i1], q[i1], a, b, peak))
+                + (_term(w[i2], p[i2], q[i2], a, b, peak) + _term(w[i3], p[i3], q[i3], a, b, peak))
             ) + (
-                (_term(w[i4], p[i4], q[i4], a, b) + _term(w[i5], p[i5], q[i5], a, b))
-                + (_term(w[i6], p[i6], q[i6], a, b) + _term(w[i7], p[i7], q[i7], a, b))
+                (_term(w[i4], p[i4], q[i4], a, b, peak) + _term(w[i5], p[i5], q[i5], a, b, peak))
+                + (_term(w[i6], p[i6], q[i6], a, b, peak) + _term(w[i7], p[i7], q[i7], a, b, peak))
             )
     lanes[:] = 0.0
     for k in range(blocks):
@@ -165,7 +170,7 @@ def _sum_row(base, z, u, sums, lanes):
 
 
 @helper
-def _draw(base, z, u, sums, lanes, target):
+def _draw(base, slopes, v, peak, sums, lanes, target):
     """The first history at which the running sum exceeds ``target``: find its lane, its block, then its
     place.
 
@@ -180,7 +185,7 @@ def _draw(base, z, u, sums, lanes, target):
             if below + lanes[l] > target:
                 break
     block = -1
-    blocks = len(base) // (LANES * DEPTH)
+    blocks = len(base) // BLOCK
     for k in range(blocks):
         part = sums[k * LANES + lane]
         if part > 0.0:
@@ -191,7 +196,7 @@ def _draw(base, z, u, sums, lanes, target):
     found = -1
     for g in range(DEPTH):
         i = (block * DEPTH + g) * LANES + lane
-        term = _term(base[i], z[0, i], z[1, i], u[0], u[1])
+        term = _term(base[i], slopes[0, i], slopes[1, i], v[0], v[1], peak)
         if term > 0.0:
             found = (blocks * lane + block) * DEPTH + g
             below += term
@@ -201,85 +206,213 @@ def _draw(base, z, u, sums, lanes, target):
 
 
 @helper
-def _fold(base, z, u, folded):
-    """``base`` less the squared distances in the third and further coordinates."""
-    folded[:] = base
-    for j in range(2, len(u)):
-        x, a = z[j], u[j]
-        for l in range(len(base)):
-            folded[l] -= (x[l] - a) * (x[l] - a)
-
-
-@helper
-def _peak(base, z, u, lanes):
-    """The largest base_l - |z_l - u|^2 over the first two coordinates."""
-    x, y = z[0], z[1]
-    a, b = u[0], u[1]
-    lanes[:] = -np.inf
+def _peak(base, slopes, v, largest):
+    """The largest base_l + slopes_l v over the first two coordinates; ``largest (LANES,)`` is overwritten."""
+    x, y = slopes[0], slopes[1]
+    a, b = v[0], v[1]
+    largest[:] = -np.inf
     for k in range(len(base) // LANES):
         w = base[k * LANES : (k + 1) * LANES]
         p = x[k * LANES : (k + 1) * LANES]
         q = y[k * LANES : (k + 1) * LANES]
         for l in range(LANES):
-            t = w[l] - (p[l] - a) * (p[l] - a) - (q[l] - b) * (q[l] - b)
-            lanes[l] = t if t > lanes[l] else lanes[l]
-    return lanes.max()
+            t = w[l] + (p[l] * a + q[l] * b)
+            largest[l] = t if t > largest[l] else largest[l]
+    return largest.max()
 
 
-def _rows_signature(dtype: types.Type) -> Any:
-    histories = (_out(dtype, 2), _out(dtype, 1))
-    return types.void(*histories, _out(dtype, 2), _in(f8, 1), _out(f8, 1), _out(i8, 1))
+@helper
+def _fold(base, slopes, v, folded):
+    """``base`` plus slopes times ``v`` in the third and further coordinates."""
+    folded[:] = base
+    for j in range(2, len(v)):
+        x, a = slopes[j], v[j]
+        for l in range(len(base)):
+            folded[l] += x[l] * a
 
 
-@kernel(_rows_signature(f4), _rows_signature(f8), fastmath=FAST)
-def sample_rows(z, base, innovations, uniforms, totals, ancestors):
+@kernel(types.int64(_in(f8, 2), _out(i8, 1), _out(i8, 1)))
+def group_rows(innovations, order, starts):
+    """Put ``innovations (d, M)`` of one cell side by side: ``order[starts[k]:starts[k + 1]]`` is a group; returns how
+    many there are.
+
+    ``starts`` has M + 1 places. By chance a cell's rows may end up in several groups.
+    """
+    d, rows = innovations.shape
+    bucket = np.empty(rows, dtype=np.int64)
+    ends = np.zeros(_BUCKETS + 1, dtype=np.int64)
+    for i in range(rows):
+        mixed = np.uint64(0)
+        for j in range(d):
+            cell = np.rint(innovations[j, i] * _PER_CELL)
+            cell = cell if abs(cell) < 1e15 else 0.0
+            mixed = (mixed ^ np.uint64(np.int64(cell))) * _MIX1
+            mixed ^= mixed >> _U31
+        bucket[i] = np.int64(mixed % np.uint64(_BUCKETS))
+        ends[bucket[i] + 1] += 1
+    for b in range(_BUCKETS):
+        ends[b + 1] += ends[b]
+    for i in range(rows):
+        order[ends[bucket[i]]] = i
+        ends[bucket[i]] += 1
+    groups = 0
+    for i in range(rows):
+        same = i > 0
+        for j in range(d):
+            here, before = innovations[j, order[i]], innovations[j, order[i - 1]]
+            same = same and np.rint(here * _PER_CELL) == np.rint(before * _PER_CELL)
+        if not same:
+            starts[groups] = i
+            groups += 1
+    starts[groups] = rows
+    return groups
+
+
+@helper
+def _bound(z, base, centre, upper, lower):
+    """Bounds of base_l - |z_l - u|^2 for u in the cell about ``centre``; returns the largest lower one."""
+    for l in range(len(base)):
+        upper[l] = base[l]
+        lower[l] = base[l]
+    for j in range(len(centre)):
+        x, c = z[j], centre[j]
+        for l in range(len(base)):
+            away = abs(x[l] - c)
+            near = max(away - 0.5 * CELL, 0.0)
+            far = away + 0.5 * CELL
+            upper[l] -= near * near
+            lower[l] -= far * far
+    best = -np.inf
+    for l in range(len(base)):
+        best = lower[l] if lower[l] > best else best
+    return best
+
+
+@helper
+def _keep(upper, lowest, kept):
+    """The histories whose bound is not below ``lowest``, in order; how many, and the highest bound."""
+    count = 0
+    highest = -np.inf
+    for l in range(len(upper)):
+        kept[count] = l
+        count += upper[l] >= lowest
+        highest = upper[l] if upper[l] > highest else highest
+    return count, highest
+
+
+@helper
+def _expand(z, base, centre, highest, kept, near):
+    """The square expanded about the cell's centre: exponents are ``highest + near[-1] + near[:-1] . v - |v|^2``.
+
+    Returns how far wrong single precision can make them: a bound, in units of 2**-24.
+    """
+    d = len(centre)
+    exponents = near[-1]
+    largest, farthest = 0.0, 0.0
+    for l in range(len(kept)):
+        squares = 0.0
+        for j in range(d):
+            away = z[j, kept[l]] - centre[j]
+            near[j, l] = 2.0 * away
+            squares += away * away
+        exponents[l] = base[kept[l]] - squares - highest
+        largest = max(largest, abs(exponents[l]))
+        farthest = max(farthest, squares)
+    return 2.0 * largest + 10.0 * math.sqrt(farthest) * 0.5 * CELL * math.sqrt(d)
+
+
+@helper
+def _in_lanes(near, count, room):
+    """The first ``count`` columns in lane order, padded with nothing, in the precision of ``room``: slopes, then
+    exponents."""
+    length = (count + BLOCK - 1) // BLOCK * BLOCK
+    laid = room[: len(near) * length].reshape(len(near), length)
+    run = length // LANES
+    for j in range(len(near)):
+        row, column = laid[j], near[j]
+        row[:] = 0.0 if j < len(near) - 1 else -np.inf
+        for lane in range(LANES):
+            first = lane * run
+            for step in range(min(run, count - first)):
+                row[step * LANES + lane] = column[first + step]
+    return laid
+
+
+@helper
+def _sample_group(laid, far, highest, centre, kept, rows, innovations, uniforms, work, lanes, logs, ancestors):
+    """``sample_groups`` for the ``rows`` of one group, in the precision of ``laid``."""
+    slopes, exponents = laid[:-1], laid[-1]
+    length = len(exponents)
+    sums, folded = work[: length // DEPTH], work[length // DEPTH :][:length]
+    largest, v = np.empty(LANES, dtype=laid.dtype), np.zeros(len(slopes), dtype=laid.dtype)
+    base = exponents if len(slopes) == 2 else folded
+    for i in rows:
+        squares = 0.0
+        for j in range(len(centre)):
+            away = innovations[j, i] - centre[j]
+            v[j] = away
+            squares += away * away
+        if len(slopes) > 2:
+            _fold(exponents, slopes, v, base)
+        largest[0] = 0.0
+        peak = _peak(base, slopes, v, largest) if far else largest[0]
+        total = _sum_row(base, slopes, v, peak, sums, lanes)
+        logs[i] = np.log2(total) + (peak - squares + highest)
+        if len(uniforms) > 0:
+            found = _draw(base, slopes, v, peak, sums, lanes, uniforms[i] * total) if total > 0.0 else -1
+            ancestors[i] = kept[found] if found >= 0 else -1
+
+
+def _groups_signature() -> Any:
+    histories = (_in(f8, 2), _in(f8, 1))
+    groups = (_in(i8, 1), _in(i8, 1))
+    return types.void(*histories, _in(f8, 2), _in(f8, 1), *groups, f8, f8, _out(f8, 1), _out(i8, 1))
+
+
+@kernel(_groups_signature(), fastmath=FAST)
+def sample_groups(z, base, innovations, uniforms, order, starts, cutoff, tolerance, logs, ancestors):
     """For each innovation u the sum over l of 2**(base_l - |z_l - u|^2), and a draw with these odds.
 
+    For the innovations of one cell, histories whose terms are nowhere in it within 2**-cutoff of the largest are left
+    out, and coordinates are relative to its centre. A row does not depend on what other rows there are.
+
     Args:
-        z: ``(d, L)``, d >= 2, L a multiple of LANES * DEPTH, in lane order (see LANES).
-        base: ``(L,)``, at most 0, in the same order.
-        innovations: ``(M, d)``.
+        z: ``(d, L)``.
+        base: ``(L,)``.
+        innovations: ``(d, M)``.
         uniforms: ``(M,)``, or empty for no draws.
-        totals: ``(M,)``, filled with the sums.
-        ancestors: ``(M,)``, filled with the draws; -1 where a row sums to zero.
+        order, starts: of the groups; see ``group_rows``.
+        cutoff: positive.
+        tolerance: how far wrong an exponent may be for single precision, in units of 2**-24.
+        logs: ``(M,)``, the base-2 logarithms of the sums; minus infinity where a row is lost.
+        ancestors: ``(M,)``, the draws; -1 where a row is lost.
     """
-    lanes = np.empty(LANES)
-    sums = np.empty(len(base) // DEPTH, dtype=base.dtype)
-    row = base
-    if z.shape[0] > 2:
-        row = np.empty_like(base)
-    for i in range(len(innovations)):
-        u = innovations[i]
-        if z.shape[0] > 2:
-            _fold(base, z, u, row)
-        totals[i] = _sum_row(row, z, u, sums, lanes)
-        if len(uniforms) > 0:
-            ancestors[i] = _draw(row, z, u, sums, lanes, uniforms[i] * totals[i]) if totals[i] > 0.0 else -1
-
-
-@kernel(
-    types.void(_out(f8, 2), _out(f8, 1), _out(f8, 2), _in(f8, 1), _out(f8, 1), _out(f8, 1), _out(i8, 1)),
-    fastmath=FAST,
-)
-def sample_far_rows(z, base, innovations, uniforms, peaks, totals, ancestors):
-    """As ``sample_rows``, with the largest exponent of each row taken out first.
-
-    The sum of row i is ``totals[i] * 2**peaks[i]``; a peak of minus infinity says that even so nothing is
-    left of it.
-    """
-    lanes = np.empty(LANES)
-    sums = np.empty(len(base) // DEPTH)
-    row = np.empty_like(base)
-    for i in range(len(innovations)):
-        u = innovations[i]
-        _fold(base, z, u, row)
-        peaks[i] = _peak(row, z, u, lanes)
-        if peaks[i] > -np.inf:
-            for l in range(len(row)):
-                row[l] -= peaks[i]
-            totals[i] = _sum_row(row, z, u, sums, lanes)
-            if len(uniforms) > 0:
-                ancestors[i] = _draw(row, z, u, sums, lanes, uniforms[i] * totals[i])
+    d, count = z.shape
+    near = np.zeros((max(d, 2) + 1, count))  # of one coordinate a second is made, which is zero
+    room = len(near) * (count + BLOCK)
+    single, double = np.empty(room, dtype=np.float32), np.empty(room)
+    upper, lower = np.empty(count), np.empty(count)
+    kept, lanes, centre = np.empty(count + 1, dtype=np.int64), np.empty(LANES), np.empty(d)
+    work32, work64 = np.empty(2 * (count + BLOCK), dtype=np.float32), np.empty(2 * (count + BLOCK))
+    for k in range(len(starts) - 1):
+        rows = order[starts[k] : starts[k + 1]]
+        for j in range(d):
+            centre[j] = np.rint(innovations[j, rows[0]] * _PER_CELL) * CELL
+        lowest = _bound(z, base, centre, upper, lower)
+        if not lowest > -np.inf:
+            for i in rows:
+                logs[i], ancestors[i] = -np.inf, -1
+            continue
+        remaining, highest = _keep(upper, lowest - cutoff, kept)
+        far = highest - lowest > _PLAIN_RANGE
+        highest += math.ceil(0.25 * CELL * CELL * d)  # at least |v|^2, so that no power is positive
+        error = _expand(z, base, centre, highest, kept[:remaining], near)
+        if error <= tolerance:
+            laid = _in_lanes(near, remaining, single)
+            _sample_group(laid, far, highest, centre, kept, rows, innovations, uniforms, work32, lanes, logs, ancestors)
+        else:
+            wide = _in_lanes(near, remaining, double)
+            _sample_group(wide, far, highest, centre, kept, rows, innovations, uniforms, work64, lanes, logs, ancestors)
 
 
 # --- contour scan
@@ -423,13 +556,12 @@ def patch_correlations(image, transforms, points, template, correlations):
 NORMALS_BLOCK = 256
 
 _WEYL = np.uint64(0x9E3779B97F4A7C15)
-_MIX1 = np.uint64(0xBF58476D1CE4E5B9)
 _MIX2 = np.uint64(0x94D049BB133111EB)
 _MIX3 = np.uint64(0xD6E8FEB86659FD93)
 _ONE = np.uint64(0x3FF0000000000000)
 _SQRT_HALF = np.int64(0x3FE6A09E667F3BCD)
 _MANTISSA = np.int64(0x000FFFFFFFFFFFFF)
-_U1, _U12, _U27, _U30, _U31, _U32 = (np.uint64(v) for v in (1, 12, 27, 30, 31, 32))
+_U1, _U12, _U27, _U30, _U32 = (np.uint64(v) for v in (1, 12, 27, 30, 32))
 
 # Chebyshev interpolants, relative error below 1e-12: log((1+s)/(1-s)) = s * L(s^2) for |s| <= (sqrt 2 -
 # 1)/(sqrt 2 + 1), cos(2 pi w) = C(w^2) and sin(2 pi w) = w * S(w^2) for |w| <= 1/4.

@@ -3,8 +3,13 @@ innovation.
 
 ``log S_i = log sum_l w_l N(u_i; m_l, covariance)`` and ``I_i ~ w_l N(u_i; m_l, covariance)``, the two N x N
 operations of RB-HS-SIR (Table 3 of Torma & Szepesvari). Both come from one pass over the pairs that stores
-none of them. Coordinates are centred and whitened, and constants folded into base-2 exponents, so that a pair
-costs two squares and a polynomial.
+none of them. Coordinates are centred and whitened, and constants folded into base-2 exponents.
+
+The compiled kernel takes the innovations cell by cell. Most histories lie too far from a cell, or weigh too little, to
+matter anywhere in it, and are left out for the whole cell. About its centre the squared distance is expanded,
+``-|z - u|^2 = -|z|^2 + 2 z.u - |u|^2``: the first part is computed once a cell in double precision, the last once a
+row, so that a pair costs two products and a polynomial, and single precision is enough even where the nearest history
+is far away.
 """
 
 from __future__ import annotations
@@ -30,12 +35,11 @@ Precision = Literal["float32", "float64"]
 
 _LOG_2 = math.log(2.0)
 
-# In single precision a pair's exponent is wrong by up to the rounding of its coordinates times their
-# distance. Coordinates of at most 48 / sqrt(d) (57 sigma in one dimension) and sums of at least 2**-64 (no
-# further than 9.4 sigma from the nearest histories) keep that error below 1e-4; all else is done in double
-# precision.
-_WIDEST_SINGLE = 48.0
-_SMALLEST_TOTAL = 2.0**-64
+# Histories that fall short of the largest term by so many powers of two are left out of a row: a million of them would
+# change its logarithm by 1e-6 in single precision, by less than rounding does in double precision.
+_CUTOFF = {"float32": 40.0, "float64": 72.0}
+# Single precision is used where its rounding cannot change a logarithm by 1e-4: in units of 2**-24 log 2.
+_TOLERANCE = {"float32": 2000.0, "float64": -1.0}
 
 _PAIRS_PER_CHUNK = 1 << 18
 _PAIRS_WORTH_A_THREAD = 1_000_000
@@ -64,7 +68,7 @@ def sample_histories(
         covariance: ``(d, d)``, common to all histories.
         uniforms: ``(M,)``, in [0, 1).
         precision: of the pairwise terms. In single precision the log-density is within 1e-4 of that in double
-            precision; clouds and innovations for which this could not be kept are done in double precision.
+            precision; innovations for which this could not be kept are done in double precision.
         threads: among which to share the rows where there are many; the results do not depend on it.
 
     Returns:
@@ -248,88 +252,40 @@ def _sample_numpy(problem: _Problem, uniforms: FloatArray) -> tuple[FloatArray, 
     return log_mixture, ancestors
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class _Lanes:
-    """A problem laid out for the compiled kernels: at least two coordinates, histories in lane order and
-    padded."""
-
-    histories: NDArray[np.floating]
-    base: NDArray[np.floating]
-    innovations: NDArray[np.floating]
-
-    @classmethod
-    def of(cls, kernels: ModuleType, problem: _Problem, dtype: str) -> _Lanes:
-        d, count = problem.histories.shape
-        lanes, block = kernels.LANES, kernels.LANES * kernels.DEPTH
-        length = -(-count // block) * block
-        columns = np.zeros((max(d, 2) + 1, length))
-        columns[:d, :count] = problem.histories
-        columns[-1, :count] = problem.base
-        columns[-1, count:] = -np.inf
-        ordered = np.empty(columns.shape, dtype=dtype)
-        ordered.reshape(-1, length // lanes, lanes)[:] = columns.reshape(-1, lanes, length // lanes).swapaxes(1, 2)
-        innovations = np.zeros((problem.count, max(d, 2)), dtype=dtype)
-        with np.errstate(over="ignore"):
-            innovations[:, :d] = problem.innovations.T
-        return cls(ordered[:-1], ordered[-1], innovations)
-
-
 def _sample_compiled(
     kernels: ModuleType, problem: _Problem, uniforms: FloatArray, precision: str, threads: int
 ) -> tuple[FloatArray, IntArray]:
-    """Plainly; the rows that underflow again with log-sum-exp; and those whose logarithms overflow by the
-    twin."""
-    widest = float(np.abs(problem.histories).max()) * math.sqrt(len(problem.histories))
-    if precision == "float32" and not widest <= _WIDEST_SINGLE:
-        precision = "float64"
-    lanes = _Lanes.of(kernels, problem, precision)
-    totals, ancestors = np.empty(problem.count), np.zeros(problem.count, dtype=np.int64)
-    _in_threads(kernels.sample_rows, lanes, uniforms, (totals, ancestors), threads)
-    far = np.flatnonzero(~(totals > _SMALLEST_TOTAL) | (ancestors < 0))
-    totals[far] = 1.0
-    log_mixture = np.log(totals) + problem.log_scale
-    if len(far):
-        wanted = uniforms[far] if len(uniforms) else uniforms
-        log_mixture[far], ancestors[far] = _sample_far(kernels, problem.rows(far), wanted, threads)
-    return log_mixture, ancestors
+    """By the compiled kernel, cell by cell; the rows whose logarithms overflow by the twin."""
+    count = problem.count
+    innovations, histories, base = frozen(problem.innovations), frozen(problem.histories), frozen(problem.base)
+    order, starts = np.empty(count, dtype=np.int64), np.empty(count + 1, dtype=np.int64)
+    starts = starts[: kernels.group_rows(innovations, order, starts) + 1]
+    logs, ancestors = np.empty(count), np.zeros(count, dtype=np.int64)
 
+    def run(part: slice) -> None:
+        groups = frozen(order), frozen(starts[part])
+        limits = _CUTOFF[precision], _TOLERANCE[precision]
+        kernels.sample_groups(histories, base, innovations, frozen(uniforms), *groups, *limits, logs, ancestors)
 
-def _sample_far(
-    kernels: ModuleType, problem: _Problem, uniforms: FloatArray, threads: int
-) -> tuple[FloatArray, IntArray]:
-    lanes = _Lanes.of(kernels, problem, "float64")
-    peaks, totals = np.empty(problem.count), np.ones(problem.count)
-    ancestors = np.zeros(problem.count, dtype=np.int64)
-    _in_threads(kernels.sample_far_rows, lanes, uniforms, (peaks, totals, ancestors), threads)
-    log_mixture = np.log(totals) + peaks * _LOG_2 + problem.log_scale
-    lost = np.flatnonzero(~(peaks > -np.inf) | (ancestors < 0))
+    _in_threads(run, starts, threads if count * len(base) >= _PAIRS_WORTH_A_THREAD else 1)
+    log_mixture = logs * _LOG_2 + problem.log_scale
+    lost = np.flatnonzero(~(logs > -np.inf) | (ancestors < 0))
     if len(lost):
         wanted = uniforms[lost] if len(uniforms) else uniforms
         log_mixture[lost], ancestors[lost] = _sample_numpy(problem.rows(lost), wanted)
     return log_mixture, ancestors
 
 
-def _in_threads(
-    kernel: Callable[..., None],
-    lanes: _Lanes,
-    uniforms: FloatArray,
-    results: tuple[NDArray[np.float64] | IntArray, ...],
-    threads: int,
-) -> None:
-    """Run ``kernel`` on equal parts of the rows, the last part in this thread."""
-    count = len(lanes.innovations)
-    threads = max(1, min(threads, count)) if count * len(lanes.base) >= _PAIRS_WORTH_A_THREAD else 1
-
-    def run(start: int, stop: int) -> None:
-        part = slice(start, stop)
-        outputs = (result[part] for result in results)
-        kernel(lanes.histories, lanes.base, lanes.innovations[part], frozen(uniforms[part]), *outputs)
-
-    bounds = [count * i // threads for i in range(threads + 1)]
-    parts = list(pairwise(bounds))
-    others = [Thread(target=run, args=part) for part in parts[:-1]]
+def _in_threads(run: Callable[[slice], None], starts: IntArray, threads: int) -> None:
+    """Call ``run`` with parts of the ``starts (G + 1,)`` of groups of about equally many rows, the last in this
+    thread."""
+    groups = len(starts) - 1
+    shares = np.searchsorted(starts, [starts[-1] * i // threads for i in range(1, threads)])
+    bounds = [0, *shares.tolist(), groups]
+    parts = [slice(start, stop + 1) for start, stop in pairwise(bounds)]
+    others = [Thread(target=run, args=(part,)) for part in parts[:-1]]
     for thread in others:
         thread.start()
-    run(*parts[-1])
+    run(parts[-1])
     for thread in others:
         thread.join()
