@@ -88,6 +88,17 @@ class DiscVideo:
         self.close()
 
 
+DISC_OUTLINE = [(22 + 10 * np.cos(a), 36 + 10 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
+
+
+def write_positions(path: Path, columns: str = "frame,cx,cy") -> Path:
+    """Where the disc is, a little off, as a CSV file of 60 frames."""
+    rng = np.random.default_rng(0)
+    rows = [f"{i},{centre(i)[0] + rng.normal(0, 0.3)},{36 + rng.normal(0, 0.3)}" for i in range(60)]
+    path.write_text("\n".join([columns, *rows]) + "\n")
+    return path
+
+
 def disc_setup(open_video: Callable[[], DiscVideo] = DiscVideo, start_frame: int = 0) -> VideoSetup:
     return VideoSetup(open_video, disc_model(), start_frame, "Video: disc")
 

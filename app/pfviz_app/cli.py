@@ -142,10 +142,10 @@ def _add_serve(commands: Any) -> None:
         "--world", type=known(WORLDS, "world"), default="figure-1", metavar="NAME", help="`pfviz worlds`"
     )
     serve.add_argument("--video", default="scene:twin", metavar="SOURCE", help=SOURCE_HELP)
-    serve.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
-    serve.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F")
     _add_filter_options(serve, None)
     serve.add_argument("--no-browser", action="store_true", help="do not open a browser")
+    _add_object(serve)
+    _add_limits(serve, "limits on the video, and on those that visitors send")
 
 
 def _add_toy(commands: Any) -> None:
@@ -160,42 +160,48 @@ def _add_toy(commands: Any) -> None:
 def _add_track(commands: Any) -> None:
     track = commands.add_parser("track", help="track an object in a video")
     track.add_argument("source", metavar="SOURCE", help=SOURCE_HELP)
-    where = track.add_mutually_exclusive_group()
-    where.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
-    where.add_argument("--polygon", type=polygon, default=None, metavar="x,y;x,y;...", help="its outline instead")
-    track.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F", help="the first frame")
-    track.add_argument(
-        "--learn-frame", type=whole_number(0, 10**9), default=None, metavar="F",
-        help="the frame that box or polygon are in (default: the start frame); in another one it is looked for",
-    )  # fmt: skip
-    for option, what in (("--model", "what is measured"), ("--shape", "how it changes")):
-        track.add_argument(option, default=None, metavar="NAME", help=f"{what}: see `pfviz models`")
-    motion = track.add_mutually_exclusive_group()
-    motion.add_argument("--dynamics", default=None, metavar="NAME", help="how it moves: see `pfviz models`")
-    motion.add_argument(
-        "--learn-dynamics", default=None, metavar="TRUTH.csv",
-        help="learn that from positions, one row a frame: columns frame,x,y or frame,cx,cy or frame,x,y,w,h",
-    )  # fmt: skip
-    track.add_argument(
-        "--working-width", type=whole_number(16, 100_000), default=320, metavar="W",
-        help="larger frames are measured at about this width (default: 320)",
-    )  # fmt: skip
-    track.add_argument("--no-restart", action="store_true", help="do not look for an object that is lost")
     _add_filter_options(track, 400)
     track.add_argument("--csv", default=None, metavar="OUT.csv", help="one row a frame")
     track.add_argument("--output", default=None, metavar="OUT.mp4", help="the video with the particles drawn on it")
     track.add_argument("--contact-sheet", default=None, metavar="OUT.png", help="evenly spaced frames of it, as a grid")
     track.add_argument("--json", action="store_true", help="JSON Lines on stdout, one a frame")
     track.add_argument("--force", action="store_true", help="replace files that exist")
-    track.add_argument(
+    _add_object(track)
+    _add_limits(track, "limits on the file")
+
+
+def _add_object(command: argparse.ArgumentParser) -> None:
+    """What is followed, and what is assumed of it; see ``pfviz_app.video_options``."""
+    group = command.add_argument_group("the object in the video")
+    where = group.add_mutually_exclusive_group()
+    where.add_argument("--box", type=box, default=None, metavar="x,y,w,h", help="the object, in pixels")
+    where.add_argument("--polygon", type=polygon, default=None, metavar="x,y;x,y;...", help="its outline instead")
+    group.add_argument("--start-frame", type=whole_number(0, 10**9), default=0, metavar="F", help="the first frame")
+    group.add_argument(
+        "--learn-frame", type=whole_number(0, 10**9), default=None, metavar="F",
+        help="the frame that box or polygon are in (default: the start frame); in another one it is looked for",
+    )  # fmt: skip
+    for option, what in (("--model", "what is measured"), ("--shape", "how it changes")):
+        group.add_argument(option, default=None, metavar="NAME", help=f"{what}: see `pfviz models`")
+    motion = group.add_mutually_exclusive_group()
+    motion.add_argument("--dynamics", default=None, metavar="NAME", help="how it moves: see `pfviz models`")
+    motion.add_argument(
+        "--learn-dynamics", default=None, metavar="TRUTH.csv",
+        help="learn that from positions, one row a frame: columns frame,x,y or frame,cx,cy or frame,x,y,w,h",
+    )  # fmt: skip
+    group.add_argument(
+        "--working-width", type=whole_number(16, 100_000), default=320, metavar="W",
+        help="larger frames are measured at about this width (default: 320)",
+    )  # fmt: skip
+    group.add_argument("--no-restart", action="store_true", help="do not look for an object that is lost")
+    group.add_argument(
         "--frame-rate", type=real_number(0.1, 1000.0), default=None, metavar="R", help="of images, per second (30)"
     )
-    _add_limits(track)
 
 
-def _add_limits(command: argparse.ArgumentParser) -> None:
+def _add_limits(command: argparse.ArgumentParser, title: str) -> None:
     """What a file may cost; see ``pfviz.vision.limits.Limits``."""
-    group = command.add_argument_group("limits on the file")
+    group = command.add_argument_group(title)
     for option, default, most, what in (
         ("--max-megabytes", 8_000, 10**9, "of each file on disk"),
         ("--max-pixels", 50_000_000, 10**9, "of a frame"),

@@ -13,26 +13,22 @@ from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import fields
 from pathlib import Path
 from types import FrameType
-from typing import Any, TextIO, cast
+from typing import Any, TextIO
 
 import cv2
 import numpy as np
 
 from pfviz import kernels
-from pfviz.dynamics import Autoregression, learn_dynamics, read_states
-from pfviz.filters import make_filter
-from pfviz.filters.registry import Filter
+from pfviz.filters import Filter, make_filter
 from pfviz.vision.drawing import ContactSheet, VideoWriter, draw_track
-from pfviz.vision.limits import Limits, display_name
-from pfviz.vision.options import TrackerOptions
-from pfviz.vision.presence import NOT_YET_FOUND
-from pfviz.vision.restart import Restarting
+from pfviz.vision.limits import display_name
 from pfviz.vision.track import CSV_HEADER, TrackedFrame, track
 from pfviz.vision.tracker import TrackerModel
 from pfviz.vision.video import VideoError, VideoSource, end_note, open_source
 from pfviz_app.outputs import check_outputs, replacing
 from pfviz_app.progress import Progress
-from pfviz_app.start_box import frame_of, learn_from_start
+from pfviz_app.start_box import learn_object
+from pfviz_app.video_options import assumptions_of, limits_of
 
 Sink = Callable[[TrackedFrame], None]
 
@@ -51,10 +47,13 @@ def run_track(options: argparse.Namespace) -> None:
     kernels.warm_up()
     with ExitStack() as stack:
         source = stack.enter_context(open_source(options.source, limits_of(options), options.frame_rate))
-        model = _model(source, options)
+        assumed = assumptions_of(options)
+        frames = options.start_frame, options.learn_frame
+        model = learn_object(source, options.box, options.polygon, *frames, assumed)
         interrupts = stack.enter_context(_interrupts())
         sinks = list(_sinks(stack, options, model, source))
-        count, trouble = _run(source, model, options, sinks, interrupts)
+        filter_ = assumed.looking(make_filter(options.filter, options.particles))
+        count, trouble = _run(source, model, filter_, options, sinks, interrupts)
         if interrupts and not count:
             _say("interrupted before the first frame")
             raise KeyboardInterrupt
@@ -70,20 +69,10 @@ def run_track(options: argparse.Namespace) -> None:
         _say(f"{display_name(options.source)} ended early, after {source.frame_count} frames: {note}")
 
 
-def limits_of(options: argparse.Namespace) -> Limits:
-    """What the options allow a file to cost."""
-    return Limits(
-        max_bytes=options.max_megabytes * 10**6,
-        max_pixels=options.max_pixels,
-        max_frames=options.max_frames,
-        patience=options.patience,
-        max_memory=options.max_memory * 10**6,
-    )
-
-
 def _run(
     source: VideoSource,
     model: TrackerModel,
+    filter_: Filter,
     options: argparse.Namespace,
     sinks: list[Sink],
     interrupts: list[int],
@@ -99,7 +88,7 @@ def _run(
     progress = Progress(lambda: source.frame_count and max(source.frame_count - options.start_frame, 0))
     count, trouble = 0, None
     try:
-        for tracked in track(source, model, _filter(options), options.seed, options.start_frame):
+        for tracked in track(source, model, filter_, options.seed, options.start_frame):
             for sink in sinks:
                 sink(tracked)
             count += 1
@@ -112,43 +101,6 @@ def _run(
         trouble = error
     progress.close(count)
     return count, trouble
-
-
-def _model(source: VideoSource, options: argparse.Namespace) -> TrackerModel:
-    """Of the object in the frame to learn from; where that is not the first, it may be anywhere at the start."""
-    dynamics = _learnt(options.learn_dynamics) if options.learn_dynamics else options.dynamics
-    chosen = {"model": options.model, "shape": options.shape, "dynamics": dynamics}
-    frame = options.start_frame if options.learn_frame is None else options.learn_frame
-    known = frame == options.start_frame
-    frame_of(source, options.start_frame, "--start-frame")
-    model = learn_from_start(
-        source,
-        options.box,
-        frame,
-        polygon=options.polygon,
-        option="--start-frame" if known else "--learn-frame",
-        options=TrackerOptions(working_width=options.working_width),
-        **{key: value for key, value in chosen.items() if value is not None},
-    )
-    return model if known else model.given(NOT_YET_FOUND)
-
-
-def _learnt(path: str) -> Autoregression:
-    """Of the positions in a CSV file.
-
-    Raises:
-        ValueError: if it cannot be read or has too few of them.
-    """
-    try:
-        return learn_dynamics(read_states(path))
-    except (OSError, ValueError, csv.Error) as error:
-        trouble = getattr(error, "strerror", None) or str(error).removeprefix(f"{path}: ")
-        raise ValueError(f"--learn-dynamics {display_name(path)}: {display_name(trouble)}") from None
-
-
-def _filter(options: argparse.Namespace) -> Filter:
-    filter = make_filter(options.filter, options.particles)
-    return cast(Filter, Restarting(filter, share=0.0) if options.no_restart else Restarting(filter))
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import csv
 import io
 import json
 import math
+import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict
 from itertools import pairwise
@@ -22,13 +23,14 @@ from pfviz.filters import FILTERS
 from pfviz.genealogy import unique_ancestors
 from pfviz.particles import FloatArray
 from pfviz.record import Stage, StepRecord
-from pfviz.vision import TrackerModel, VideoWriter, draw_track
+from pfviz.vision import Limits, TrackerModel, VideoWriter, draw_track
 from pfviz.worlds import WORLDS, get_world
 from pfviz_app.films import Start, ToyFilm, VideoFilm
 from pfviz_app.room import Room
 from pfviz_app.settings import CONTROLS, RUNNING, Settings
 from pfviz_app.share import changes
 from pfviz_app.stage.seen import Seen
+from pfviz_app.start_box import USUAL, Assumptions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,6 +39,23 @@ TRACKER_COMPONENTS = "x", "y", "rotation", "log_scale"
 _ANCESTORS_BACK = 10
 _BUILT_IN = frozenset(WORLDS) | frozenset(FILTERS)
 """Names that a script can count on: what ``pfviz.show`` adds is added later."""
+_NAMES = {
+    "itertools": ("islice",),
+    "pfviz": ("make_filter",),
+    "pfviz.dynamics": ("learn_dynamics", "read_states"),
+    "pfviz.kernels": ("use_numpy",),
+    "pfviz.vision": (
+        "NOT_YET_FOUND",
+        "Limits",
+        "Restarting",
+        "TrackerOptions",
+        "learn_tracker",
+        "open_source",
+        "suggested_box",
+        "track",
+    ),
+}
+"""What the script of a video may use, by module."""
 
 
 def toy_script(log: Sequence[Settings], held: Mapping[int, FloatArray] | None = None, plain: bool = False) -> str:
@@ -79,7 +98,15 @@ def toy_script(log: Sequence[Settings], held: Mapping[int, FloatArray] | None = 
 
 
 def tracker_script(
-    log: Sequence[Settings], source: str, start: Start | None = None, start_frame: int = 0, plain: bool = False
+    log: Sequence[Settings],
+    source: str,
+    start: Start | None = None,
+    start_frame: int | None = None,
+    plain: bool = False,
+    *,
+    assumed: Assumptions = USUAL,
+    limits: Limits | None = None,
+    frame_rate: float | None = None,
 ) -> str:
     """A Python script that tracks the video again and prints what was recorded, to the last digit.
 
@@ -87,37 +114,54 @@ def tracker_script(
         log: the settings of the steps at t = 1, 2, ...
         source: as ``open_source`` takes it: a file, ``camera:N`` or ``scene:NAME``.
         start: what is followed; what the source suggests by default.
-        start_frame: the frame of t = 1, where ``start`` does not say.
+        start_frame: the frame of t = 1; by default that of ``start``, or else the first.
         plain: whether the run was computed without the compiled loops, whose last digits may differ.
+        assumed: of what is followed.
+        limits: of what the source may cost.
+        frame_rate: of images, where it was given.
 
     Raises:
         ValueError: if the log is empty.
     """
     first = _first(log, "video")
+    start_frame = (start.frame if start else 0) if start_frame is None else start_frame
     frame = start.frame if start else start_frame
-    lines = [
-        *_heading(f"the video {source!r}", log, "toy_particles", (first.filter,)),
-        "from itertools import islice",
-        "",
-        "from pfviz import make_filter",
-        *(["from pfviz.kernels import use_numpy"] if plain else []),
-        f"from pfviz.vision import Restarting, learn_tracker, open_source{'' if start else ', suggested_box'}, track",
-        "",
-        f"with open_source({source!r}) as source:",
-    ]
     body = [
         f"image = source.read({frame})",
-        f"model = learn_tracker(image, {_outline(start, frame)}, frame_rate=source.frame_rate)",
+        f"model = learn_tracker(image, {_outline(start, frame)}, frame_rate=source.frame_rate{_assumed(assumed)})",
+        *(["model = model.given(NOT_YET_FOUND)"] if frame != start_frame else []),
         f"model = model.with_noise({_noises(first)})",
-        f"filter_ = Restarting(make_filter({first.filter!r}, n_particles={first.tracker_particles}))",
-        f"tracked = track(source, model, filter_, seed={first.seed}, start_frame={frame})",
+        f"filter_ = make_filter({first.filter!r}, n_particles={first.tracker_particles})",
+        f"filter_ = Restarting(filter_{'' if assumed.restart else ', share=0.0'})",
+        f"tracked = track(source, model, filter_, seed={first.seed}, start_frame={start_frame})",
         'print("t,x,y,rotation,scale,effective_sample_size,log_evidence")',
         f"for t, item in enumerate(islice(tracked, {len(log)}), start=1):",
         "    e, record = item.estimate, item.record",
         "    numbers = e.x, e.y, e.rotation, e.scale, record.effective_sample_size, record.log_evidence",
         '    print(t, *numbers, sep=",")',
     ]
-    return "\n".join([*lines, *("    " + line for line in _plainly(body, plain))]) + "\n"
+    block = [f"with open_source({_opening(source, limits, frame_rate)}) as source:"]
+    block += ["    " + line for line in _plainly(body, plain)]
+    heading = _heading(f"the video {source!r}", log, "toy_particles", (first.filter,))
+    return "\n".join([*heading, *_imports("\n".join(block)), "", *block]) + "\n"
+
+
+def _imports(text: str) -> Iterator[str]:
+    """The import lines of what ``text`` uses."""
+    for module, names in _NAMES.items():
+        used = [name for name in names if re.search(rf"\b{name}\b", text)]
+        if used:
+            yield f"from {module} import {', '.join(used)}"
+        if module == "itertools":
+            yield ""
+
+
+def _opening(source: str, limits: Limits | None, frame_rate: float | None) -> str:
+    """The arguments of ``open_source``; only what is not usual."""
+    usual = asdict(Limits())
+    changed = [f"{name}={value!r}" for name, value in asdict(limits or Limits()).items() if value != usual[name]]
+    found = [repr(source), *([f"limits=Limits({', '.join(changed)})"] if changed else [])]
+    return ", ".join(found if frame_rate is None else [*found, f"frame_rate={frame_rate!r}"])
 
 
 def _first(log: Sequence[Settings], room: str) -> Settings:
@@ -168,6 +212,17 @@ def _outline(start: Start | None, frame: int) -> str:
         return f"polygon={[tuple(float(v) for v in corner) for corner in start.outline]!r}"
     (x0, y0), (x1, y1) = ((float(x), float(y)) for x, y in start.outline)
     return repr((min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0)))
+
+
+def _assumed(assumed: Assumptions) -> str:
+    """The arguments of ``learn_tracker`` for what is not assumed everywhere."""
+    names = ("model", "shape", "dynamics")
+    found = [f", {name}={getattr(assumed, name)!r}" for name in names if getattr(assumed, name) != getattr(USUAL, name)]
+    if assumed.learnt_from is not None:
+        found.append(f", dynamics=learn_dynamics(read_states({assumed.learnt_from!r}))")
+    if assumed.working_width != USUAL.working_width:
+        found.append(f", options=TrackerOptions(working_width={assumed.working_width})")
+    return "".join(found)
 
 
 def _plainly(lines: Sequence[str], plain: bool) -> list[str]:

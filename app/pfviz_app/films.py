@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping
 from copy import copy
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
-from typing import Any, Protocol, cast
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -16,13 +16,13 @@ from pfviz.filters.registry import Filter
 from pfviz.model import Model
 from pfviz.particles import FloatArray, readonly
 from pfviz.record import StepRecord
-from pfviz.vision.limits import display_name
-from pfviz.vision.presence import AT_START, Presence
-from pfviz.vision.restart import Restarting
-from pfviz.vision.tracker import TrackerModel, TrackEstimate, learn_tracker
+from pfviz.vision.limits import Limits, display_name
+from pfviz.vision.presence import AT_START, NOT_YET_FOUND, Presence
+from pfviz.vision.tracker import TrackerModel, TrackEstimate
 from pfviz.vision.video import EndOfVideo, Image, Truth, VideoSource, open_upload
 from pfviz.worlds import World
 from pfviz_app.exact_answer import ExactAnswer
+from pfviz_app.start_box import USUAL, Assumptions
 
 Point = tuple[float, float]
 TOY_STEPS = 2000
@@ -153,7 +153,7 @@ class Start:
     frame: int
     outline: tuple[Point, ...]
 
-    def learn(self, source: VideoSource) -> TrackerModel:
+    def learn(self, source: VideoSource, assumed: Assumptions = USUAL) -> TrackerModel:
         """The tracker's model of it.
 
         Raises:
@@ -161,10 +161,10 @@ class Start:
         """
         image = source.read(self.frame)
         if len(self.outline) != 2:
-            return learn_tracker(image, polygon=self.outline, frame_rate=source.frame_rate)
+            return assumed.learn(image, source.frame_rate, polygon=self.outline)
         (x0, y0), (x1, y1) = self.outline
         box = (min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0))
-        return learn_tracker(image, box, frame_rate=source.frame_rate)
+        return assumed.learn(image, source.frame_rate, box)
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +178,9 @@ class VideoSetup:
         title: of the video, for the screen.
         name: as ``open_source`` takes it; None for what a visitor has sent.
         start: what is followed; None where the video itself says what.
+        assumed: of whatever is followed.
+        limits: of what a video may cost, be it this one or one that a visitor sends.
+        frame_rate: of images, where it was given.
     """
 
     open: Callable[[], VideoSource]
@@ -186,6 +189,9 @@ class VideoSetup:
     title: str
     name: str | None = None
     start: Start | None = None
+    assumed: Assumptions = USUAL
+    limits: Limits = field(default_factory=Limits)
+    frame_rate: float | None = None
 
 
 class VideoFilm:
@@ -199,22 +205,29 @@ class VideoFilm:
         self._temporary: Path | None = None
 
     @classmethod
-    def uploaded(cls, path: Path, name: str) -> VideoFilm:
+    def uploaded(cls, path: Path, name: str, like: VideoSetup | None = None) -> VideoFilm:
         """A visitor's own video. What is in its middle is followed until they mark something.
+
+        Args:
+            path: of the file, which is deleted when the film is closed.
+            name: as the visitor knows it.
+            like: a video under whose limits and assumptions it is; what was learnt of that one's motion does not count.
 
         Raises:
             ValueError: if it cannot be read.
         """
-        shown = display_name(name)
+        shown, limits = display_name(name), like.limits if like else Limits()
+        assumed = replace(like.assumed, learnt_from=None, learnt=None) if like else USUAL
         try:
-            source = open_upload(path)
+            source = open_upload(path, limits)
         except ValueError as error:
             path.unlink(missing_ok=True)
             raise ValueError(str(error).replace(display_name(path), shown)) from None
         try:
             width, height = source.size
             middle = Start(0, ((width / 3, height / 3), (2 * width / 3, 2 * height / 3)))
-            setup = VideoSetup(lambda: source, middle.learn(source), 0, f"Video: {shown}")
+            model = middle.learn(source, assumed)
+            setup = VideoSetup(lambda: source, model, 0, f"Video: {shown}", assumed=assumed, limits=limits)
         except Exception:
             source.close()
             path.unlink(missing_ok=True)
@@ -233,7 +246,8 @@ class VideoFilm:
         film._estimates = deque(maxlen=_KEPT_ESTIMATES)
         film.setup, film.chosen_start = self._given, start
         if start is not None:
-            film.setup = replace(self._given, model=start.learn(self.source), start_frame=start.frame)
+            model = start.learn(self.source, self._given.assumed)
+            film.setup = replace(self._given, model=model, start_frame=start.frame)
         return film
 
     @property
@@ -241,7 +255,7 @@ class VideoFilm:
         """The name of the film and of what is followed in it as the experiments know it; None where they do not."""
         name = self.setup.name
         known = name is not None and name.startswith("scene:") and not (self.chosen_start or self.setup.start)
-        return name if known else None
+        return name if known and self.setup.assumed == USUAL else None
 
     def _source_truth(self, t: int) -> Truth | None:
         """Where the source knows its object to be; it knows nothing of what a visitor has chosen."""
@@ -271,7 +285,8 @@ class VideoFilm:
 
     def truth(self, t: int) -> TrackEstimate | None:
         """Where the object really is, where the source knows it."""
-        truth, start = self._source_truth(t), self._source_truth(1)
+        learnt = self.setup.start.frame if self.setup.start else self.setup.start_frame
+        truth, start = self._source_truth(t), self.source.truth(learnt)
         if truth is None or start is None:
             return None
         x, y, rotation, scale = truth
@@ -295,10 +310,10 @@ class VideoFilm:
 
     @property
     def presence(self) -> Presence:
-        return AT_START
+        return NOT_YET_FOUND if self.setup.model.searching else AT_START
 
     def looking(self, filter: Filter) -> Filter:
-        return cast(Filter, Restarting(filter))
+        return self.setup.assumed.looking(filter)
 
     def given(self, model: TrackerModel, presence: Presence | None) -> TrackerModel:
         return model if presence is None else model.given(presence)

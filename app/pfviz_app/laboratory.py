@@ -109,7 +109,9 @@ class Laboratory:
         if self._where.value == "video":
             place, particles = picture.tracker.film.place, s.tracker_particles
         if place is None:
-            raise ExperimentError("The truth about this video is not known: take one of the scenes, or the toy.")
+            raise ExperimentError(
+                "Experiments know the truth about the scenes alone, followed as they suggest: take one, or the toy."
+            )
         rivals = [s.rival] if s.rival not in (NOBODY, ITSELF) else [name for name in _OTHERS if name != s.filter]
         values = [max(round(particles * factor), 1) for factor in _FACTORS] if knob == "particles" else _FACTORS
         noises: dict[str, Any] = {name: factor for name, factor in s.noises.items() if name != knob}

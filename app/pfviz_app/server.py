@@ -17,18 +17,16 @@ import viser
 
 from pfviz import kernels
 from pfviz.particles import FloatArray
-from pfviz.vision.shared import SharedVideo
-from pfviz.vision.video import open_source
 from pfviz.worlds import get_world
 from pfviz_app.commands import Click, Drag, Resize
 from pfviz_app.controls import Controls
-from pfviz_app.films import Point, Start, VideoSetup
+from pfviz_app.films import Point, VideoSetup
 from pfviz_app.picture import Pick, Picture
 from pfviz_app.sending import send
+from pfviz_app.served import video_of
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
 from pfviz_app.stage.stage import Stage
-from pfviz_app.start_box import learn_from_start
 
 log = logging.getLogger(__name__)
 _DEFAULT_PORT = 8080
@@ -138,8 +136,7 @@ def serve(options: argparse.Namespace) -> None:
     Raises:
         ValueError: if the video or the box cannot be used, or the port is taken.
     """
-    video = prepare_video(options.video, options.box, options.start_frame)
-    run_app(_settings(options), video, options.host, options.port, not options.no_browser)
+    run_app(_settings(options), video_of(options), options.host, options.port, not options.no_browser)
 
 
 def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, open_browser: bool) -> None:
@@ -169,19 +166,6 @@ def _wait_for_a_signal() -> None:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: ended.set())
     ended.wait()
-
-
-def prepare_video(source: str, box: tuple[float, float, float, float] | None, start_frame: int) -> VideoSetup:
-    """Open the video once, learn the object in its box, and keep what visitors need.
-
-    Raises:
-        ValueError: if the video cannot be read, has no such frame, or the box is missing or outside the frame.
-    """
-    with open_source(source) as video:
-        model = learn_from_start(video, box, start_frame)
-        title = f"Video: {video.name}"
-        start = None if box is None else Start(start_frame, ((box[0], box[1]), (box[0] + box[2], box[1] + box[3])))
-    return VideoSetup(SharedVideo(partial(open_source, source)).open, model, start_frame, title, source, start)
 
 
 def _settings(options: argparse.Namespace) -> Settings:

@@ -447,7 +447,7 @@ class Session:
     def _load(self, path: Path, name: str) -> None:
         """Another video, shown at its first frame."""
         try:
-            film = VideoFilm.uploaded(path, name)
+            film = VideoFilm.uploaded(path, name, self._tracker_film.setup)
         except ValueError as error:
             raise SettingError(str(error)) from None
         self._tracker_film.close()

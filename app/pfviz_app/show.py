@@ -7,7 +7,8 @@ from typing import Any
 
 from pfviz.filters import FILTERS, Filter
 from pfviz.worlds import WORLDS, World
-from pfviz_app.server import prepare_video, run_app
+from pfviz_app.served import prepare_video
+from pfviz_app.server import run_app
 from pfviz_app.settings import Settings
 
 

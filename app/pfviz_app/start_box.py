@@ -3,49 +3,105 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from dataclasses import dataclass, field
+from typing import cast
 
+from pfviz.dynamics import Autoregression
+from pfviz.filters.registry import Filter
+from pfviz.vision.motion import DEFAULT_DYNAMICS
+from pfviz.vision.options import TrackerOptions
+from pfviz.vision.presence import NOT_YET_FOUND
+from pfviz.vision.restart import Restarting
+from pfviz.vision.shapes import DEFAULT_SHAPE
 from pfviz.vision.tracker import DEFAULT_MODEL, TrackerModel, learn_tracker
 from pfviz.vision.video import Box, EndOfVideo, Image, VideoError, VideoSource, suggested_box
 
 Polygon = Sequence[tuple[float, float]]
 
 
-def learn_from_start(
-    source: VideoSource,
-    box: Box | None,
-    start_frame: int,
-    model: str = DEFAULT_MODEL,
-    polygon: Polygon | None = None,
-    option: str = "--start-frame",
-    **assumed: Any,
-) -> TrackerModel:
-    """The tracker's model of what is in ``box`` or ``polygon`` in ``start_frame``.
+@dataclass(frozen=True, slots=True)
+class Assumptions:
+    """What is assumed of any object that is followed.
 
-    Without either it is of what the source suggests.
+    Attributes:
+        model: what is measured of it, a key of ``MODELS``.
+        shape: how its outline can change, a key of ``SHAPES``.
+        dynamics: how it moves, a key of ``DYNAMICS``, where nothing was learnt.
+        working_width: about how many pixels wide the image is that is measured.
+        restart: whether it is looked for where it is lost.
+        learnt_from: the file of positions that its motion was learnt from.
+        learnt: what was learnt from it.
+    """
+
+    model: str = DEFAULT_MODEL
+    shape: str = DEFAULT_SHAPE
+    dynamics: str = DEFAULT_DYNAMICS
+    working_width: int = TrackerOptions().working_width
+    restart: bool = True
+    learnt_from: str | None = None
+    learnt: Autoregression | None = field(default=None, compare=False)
+
+    def learn(
+        self, image: Image, frame_rate: float, box: Box | None = None, polygon: Polygon | None = None
+    ) -> TrackerModel:
+        """The tracker's model of what is in ``box`` or ``polygon`` in a BGR image; see ``learn_tracker``."""
+        return learn_tracker(
+            image,
+            box,
+            polygon,
+            frame_rate=frame_rate,
+            model=self.model,
+            options=TrackerOptions(working_width=self.working_width),
+            shape=self.shape,
+            dynamics=self.dynamics if self.learnt is None else self.learnt,
+        )
+
+    def looking(self, filter: Filter) -> Filter:
+        """The filter as it is run on videos: it looks for an object that is lost, where it is to."""
+        return cast(Filter, Restarting(filter) if self.restart else Restarting(filter, share=0.0))
+
+
+USUAL = Assumptions()
+"""What is assumed where nobody says otherwise."""
+
+
+def learn_object(
+    source: VideoSource,
+    box: Box | None = None,
+    polygon: Polygon | None = None,
+    start_frame: int = 0,
+    learn_frame: int | None = None,
+    assumed: Assumptions = USUAL,
+) -> TrackerModel:
+    """The tracker's model of what is in ``box`` or ``polygon``; without either it is of what the source suggests.
 
     Args:
         source: the video.
         box: ``(x, y, width, height)`` in pixels.
-        start_frame: the frame in which the box or polygon is.
-        model: the measurement.
         polygon: the outline's corners in pixels, instead of a box.
-        option: what the user calls ``start_frame``.
-        assumed: what else ``learn_tracker`` takes: ``options``, ``shape``, ``dynamics``.
+        start_frame: the first frame to be tracked in.
+        learn_frame: the frame in which the box or polygon is, the start frame by default; where it is another one, the
+            object may be anywhere at the start.
+        assumed: of the object.
 
     Raises:
-        VideoError: if there is no such frame, or no box.
-        ValueError: if the box or polygon does not fit the frame, or there is no such model.
+        VideoError: if there is no such frame, or no box; the message names the command line's options.
+        ValueError: if the box or polygon does not fit the frame, or what is assumed is not known.
     """
-    image = frame_of(source, start_frame, option)
+    learn_frame = start_frame if learn_frame is None else learn_frame
+    known = learn_frame == start_frame
+    image = frame_of(source, start_frame, "--start-frame")
+    if not known:
+        image = frame_of(source, learn_frame, "--learn-frame")
     if polygon is not None:
         check_polygon(polygon, source.size)
     elif box is None:
-        box = suggested_box(source, start_frame)
+        box = suggested_box(source, learn_frame)
         if box is None:
-            where = f"where is the object in frame {start_frame} of {source.name}?"
+            where = f"where is the object in frame {learn_frame} of {source.name}?"
             raise VideoError(f"--box is missing: {where} Give x,y,w,h (or --polygon)")
-    return learn_tracker(image, box, polygon, frame_rate=source.frame_rate, model=model, **assumed)
+    model = assumed.learn(image, source.frame_rate, box, polygon)
+    return model if known else model.given(NOT_YET_FOUND)
 
 
 def frame_of(source: VideoSource, index: int, option: str) -> Image:

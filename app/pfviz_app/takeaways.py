@@ -43,12 +43,19 @@ def _toy_script(picture: Picture) -> bytes:
 
 
 def _tracker_script(picture: Picture) -> bytes:
-    film = picture.tracker.film
-    if film.setup.name is None:
+    film, setup = picture.tracker.film, picture.tracker.film.setup
+    if setup.name is None:
         raise ValueError("This video was sent by you and is not on the server: a script could not find it.")
-    log = picture.lane.log[: max(picture.t, 1)]
-    start = film.chosen_start or film.setup.start
-    return exports.tracker_script(log, film.setup.name, start, film.setup.start_frame, picture.lane.plain).encode()
+    return exports.tracker_script(
+        picture.lane.log[: max(picture.t, 1)],
+        setup.name,
+        film.chosen_start or setup.start,
+        setup.start_frame,
+        picture.lane.plain,
+        assumed=setup.assumed,
+        limits=setup.limits,
+        frame_rate=setup.frame_rate,
+    ).encode()
 
 
 def _json(picture: Picture) -> bytes:

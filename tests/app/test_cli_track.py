@@ -19,18 +19,28 @@ from hypothesis import strategies as st
 from pfviz_app import cli, commands_track
 from pfviz_app.outputs import replacing
 from pfviz_app.progress import Progress, duration
-from stand_ins import DISC_BOX, SIZE, DiscVideo, centre, disc_frame, listing, message_of, run_here
+from stand_ins import (
+    DISC_BOX,
+    DISC_OUTLINE,
+    SIZE,
+    DiscVideo,
+    centre,
+    disc_frame,
+    listing,
+    message_of,
+    run_here,
+    write_positions,
+)
 
 from pfviz.dynamics import learn_dynamics, read_states
-from pfviz.filters import FILTERS
+from pfviz.filters import FILTERS, make_filter
 from pfviz.vision.motion import DYNAMICS
 from pfviz.vision.restart import Restarting
 from pfviz.vision.shapes import SHAPES
 from pfviz.vision.tracker import MODELS
 
 BOX = ",".join(f"{value:g}" for value in DISC_BOX)
-CIRCLE = [(22 + 10 * np.cos(a), 36 + 10 * np.sin(a)) for a in np.linspace(0, 2 * np.pi, 12, endpoint=False)]
-POLYGON = [f"{x:.2f},{y:.2f}" for x, y in CIRCLE]
+POLYGON = [f"{x:.2f},{y:.2f}" for x, y in DISC_OUTLINE]
 FEW = ("--particles", 60)
 
 
@@ -93,18 +103,6 @@ def test_box_and_outline_exclude_each_other(capfd, disc_file):
     assert "--polygon" in message and "not allowed with" in message and "--box" in message
 
 
-@pytest.fixture
-def late_disc(tmp_path) -> Path:
-    """Images in which the disc is absent until frame 20."""
-    folder = tmp_path / "late"
-    folder.mkdir()
-    empty = np.array(disc_frame(0))
-    empty[20:52, 5:40] = 205
-    for index in range(40):
-        cv2.imwrite(str(folder / f"{index}.png"), empty if index < 20 else disc_frame(index))
-    return folder
-
-
 def test_an_object_that_is_learnt_from_a_later_frame_is_found_when_it_appears(capfd, late_disc):
     x, y = centre(30)
     words = ("track", late_disc, "--learn-frame", 30, "--box", f"{x - 10},{y - 10},20,20", "--json")
@@ -130,13 +128,6 @@ def test_whatever_is_assumed_the_disc_is_followed(capfd, disc_file, option, name
     turned_or_scaled = (last["rotation"], last["scale"]) != (0.0, 1.0)
     assert turned_or_scaled == (name != "translation")
     assert (last["stretch"] is not None) == (name == "affine")
-
-
-def write_positions(path: Path, columns: str = "frame,cx,cy") -> Path:
-    rng = np.random.default_rng(0)
-    rows = [f"{i},{centre(i)[0] + rng.normal(0, 0.3)},{36 + rng.normal(0, 0.3)}" for i in range(60)]
-    path.write_text("\n".join([columns, *rows]) + "\n")
-    return path
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -384,10 +375,11 @@ def test_durations():
 
 
 @pytest.mark.parametrize("name", FILTERS)
-def test_whatever_is_lost_is_looked_for_unless_it_is_not_wanted(name):
+def test_whatever_is_lost_is_looked_for_unless_it_is_not_wanted(capfd, disc_file, monkeypatch, name):
     """Without restarts it is still resampled, which keeps the smallest weights of look-alikes from growing."""
-    words = ["track", "film.mp4", "--filter", name, "--particles", "7"]
-    filter = commands_track._filter(cli.build_parser().parse_args(words))
-    assert isinstance(filter, Restarting) and filter.share > 0
-    without = commands_track._filter(cli.build_parser().parse_args([*words, "--no-restart"]))
-    assert without == Restarting(filter.filter, share=0.0)
+    filters = []
+    monkeypatch.setattr(commands_track, "track", lambda *a: filters.append(a[2]) or ())
+    words = ("track", disc_file, "--box", BOX, "--filter", name, "--particles", 7)
+    run_here(capfd, *words)
+    run_here(capfd, *words, "--no-restart")
+    assert filters == [Restarting(make_filter(name, 7)), Restarting(make_filter(name, 7), share=0.0)]

@@ -21,16 +21,21 @@ from matplotlib.text import Text
 from pfviz_app import exports
 from pfviz_app.films import Start, ToyFilm, VideoFilm
 from pfviz_app.lane import Lane
+from pfviz_app.picture import Picture
 from pfviz_app.receipt import receipt
 from pfviz_app.room import Room
+from pfviz_app.served import prepare_video
 from pfviz_app.settings import Settings
-from stand_ins import DISC_BOX, DiscVideo, disc_setup
+from pfviz_app.start_box import Assumptions
+from pfviz_app.takeaways import TAKEAWAYS
+from stand_ins import DISC_BOX, DISC_OUTLINE, DiscVideo, disc_setup, write_positions
 
 from pfviz import kernels
+from pfviz.dynamics import learn_dynamics, read_states
 from pfviz.figures.style import EXACT
 from pfviz.filters import FILTERS
 from pfviz.genealogy import first_of_equals, unique_ancestors
-from pfviz.vision import open_source
+from pfviz.vision import Limits, open_source
 from pfviz.worlds import WORLDS, get_world
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -181,14 +186,39 @@ def test_the_script_of_a_video_prints_what_was_recorded(start, disc_file):
 
 
 def test_the_script_of_a_scene_follows_what_the_scene_suggests():
-    from pfviz_app.server import prepare_video
-
     lane = Lane(FEW, ToyFilm(get_world(FEW.world), 3), VideoFilm(prepare_video("scene:twin", None, 4)))
     lane.step()
     lane.step()
     rows = executed(exports.tracker_script(lane.log, "scene:twin", start_frame=4, plain=True))
     check_tracker(rows, lane.tracker)
     lane.tracker.film.close()
+
+
+def test_the_script_of_a_video_assumes_what_was_assumed(disc_file, tmp_path):
+    """Everything that ``pfviz serve`` can be told of a video and its object."""
+    positions = write_positions(tmp_path / "truth.csv")
+    others = (
+        {"assumed": Assumptions("colour", "affine", "constant-position", 48, False), "learn_frame": 2},
+        {"assumed": Assumptions(learnt_from=str(positions), learnt=learn_dynamics(read_states(positions)))},
+        {"limits": Limits(max_frames=9, max_pixels=96 * 72), "learn_frame": 5},
+    )
+    plain = None
+    for terms in others:
+        setup = prepare_video(str(disc_file), None, 1, polygon=DISC_OUTLINE, **terms)  # type: ignore[arg-type]
+        lane = Lane(FEW, ToyFilm(get_world(FEW.world), 3), VideoFilm(setup))
+        for _ in range(3):
+            lane.step()
+        picture = Picture(FEW, lane, None, 3, None, 3, None, None, None, False, None, "")
+        rows = executed(TAKEAWAYS["Python script, video"][1](picture).decode())
+        check_tracker(rows, lane.tracker)
+        assert rows != plain
+        plain = rows
+        lane.tracker.film.close()
+
+
+def test_the_script_of_images_has_their_rate():
+    script = exports.tracker_script([FEW], "frames/*.png", frame_rate=12.0)
+    assert "open_source('frames/*.png', frame_rate=12.0)" in script
 
 
 def test_nothing_can_be_written_of_nothing(tmp_path):

@@ -79,7 +79,8 @@ class TrackerStage:
         if picture.outline:
             self._clicked(picture.outline, whole)
         if t == 0:
-            self._outline("tracker/frame/expected", whole, film.setup.model, film.setup.model.start, palette)
+            if not film.setup.model.searching:
+                self._outline("tracker/frame/expected", whole, film.setup.model, film.setup.model.start, palette)
             return
         model = picture.tracker.outcome(t).model
         assert isinstance(model, TrackerModel)

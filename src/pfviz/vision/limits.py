@@ -23,11 +23,11 @@ class Limits:
         ValueError: if one of them is not positive.
     """
 
-    max_bytes: int = 8 * 2**30
+    max_bytes: int = 8_000_000_000
     max_pixels: int = 50_000_000
     max_frames: int = 1_000_000
     patience: float = 20.0
-    max_memory: int = 3 * 2**30
+    max_memory: int = 3_000_000_000
 
     def __post_init__(self) -> None:
         for field in fields(self):
