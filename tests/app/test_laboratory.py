@@ -54,7 +54,7 @@ def test_a_figure_and_sentences_come_of_the_settings_on_screen(bench):
 
 def test_a_video_whose_truth_is_not_known_is_no_place_for_one(bench):
     bench[1]["Where"].value = "video"
-    assert "not known" in run(bench)["text"].content
+    assert "scenes alone" in run(bench)["text"].content
 
 
 def test_no_more_than_a_few_run_at_once(bench, monkeypatch):
