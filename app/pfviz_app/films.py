@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import deque
 from collections.abc import Callable, Mapping
 from copy import copy
@@ -192,6 +193,11 @@ class VideoSetup:
     assumed: Assumptions = USUAL
     limits: Limits = field(default_factory=Limits)
     frame_rate: float | None = None
+
+    @property
+    def public_name(self) -> str:
+        """What everybody may know it by: a scene's or a camera's name, or a file's without the folders."""
+        return display_name(re.split(r"[/\\]", (self.name or self.title.removeprefix("Video: ")).rstrip("/\\"))[-1])
 
 
 class VideoFilm:

@@ -88,6 +88,7 @@ class Picture:
             changes((*kept.log, kept.settings)[: self.t + 1]) if kept else (),
             {t: tuple(place.tolist()) for t, place in film.held.items() if t <= self.t},
             self.tracker.film.chosen_start,
+            self.tracker.film.setup.public_name,
         )
 
 

@@ -459,7 +459,7 @@ class Session:
 
     def _open(self, code: str) -> None:
         """Bring back what was shared, step by step."""
-        shared = decode(code)
+        shared, note = decode(code).brought_to(self._tracker_film.setup.public_name)
         film = self._tracker_film
         if shared.start != film.chosen_start:
             film = self._found(shared.start)
@@ -470,6 +470,7 @@ class Session:
         toy_film = ToyFilm(get_world(shared.settings.world), shared.settings.seed, held)
         self._start(replace(shared.at(1), rival=shared.settings.rival), shared.rival_at(1), toy_film)
         self._catch_up(shared)
+        self._message = f"{note} {self._message}".strip()
 
     def _found(self, start: Start | None) -> VideoFilm:
         try:

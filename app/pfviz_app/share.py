@@ -6,9 +6,10 @@ import base64
 import json
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
+from pfviz.vision.limits import display_name
 from pfviz_app.films import Start
 from pfviz_app.settings import RUNNING, SettingError, Settings
 
@@ -32,6 +33,7 @@ class Shared:
         rival_changes: the same of the lane that is compared with, where it has gone its own way.
         held: where the target was put, by time.
         start: what is followed in the video, where a visitor has chosen it.
+        video: which one it is, as everybody may know it; None in codes that were made before they said so.
     """
 
     settings: Settings
@@ -41,6 +43,7 @@ class Shared:
     rival_changes: Changes = ()
     held: Mapping[int, tuple[float, ...]] = field(default_factory=dict)
     start: Start | None = None
+    video: str | None = None
 
     def at(self, t: int) -> Settings:
         """The settings under which step ``t`` was run."""
@@ -49,6 +52,16 @@ class Shared:
     def rival_at(self, t: int) -> Settings | None:
         """The settings of the lane compared with, where they are known; else they follow from the others."""
         return _at(self.rival_changes, t)
+
+    def brought_to(self, video: str) -> tuple[Shared, str]:
+        """What can be seen of it where ``video`` is shown, and a sentence on what cannot; empty where all can.
+
+        What was marked in one video means nothing in another. There is followed what that one begins with.
+        """
+        if self.video in (None, video):
+            return self, ""
+        note = f"This was shared with the video {self.video}, and here it is {video}: only the toy is the same."
+        return replace(self, start=None), note
 
 
 def changes(log: Iterable[Settings]) -> Changes:
@@ -78,6 +91,7 @@ def encode(shared: Shared) -> str:
     if shared.start is not None:
         corners = [[round(x, CORNER_DIGITS) for x in corner] for corner in shared.start.outline]
         values["start"] = [shared.start.frame, *corners]
+    values |= {} if shared.video is None else {"video": shared.video}
     text = json.dumps(values, separators=(",", ":"))
     return _CODE + base64.urlsafe_b64encode(zlib.compress(text.encode(), 9)).decode().rstrip("=")
 
@@ -95,9 +109,10 @@ def decode(code: str) -> Shared:
     steps = {key: values.pop(key, []) for key in ("changes", "rivals")}
     held = _held(values.pop("held", []))
     start = _start(values.pop("start", None))
+    video = _video(values.pop("video", None))
     settings = _changed(Settings(), values)
     own, rival = (_steps(steps[key], settings) for key in ("changes", "rivals"))
-    return Shared(settings, t, stage, own, rival, held, start)
+    return Shared(settings, t, stage, own, rival, held, start, video)
 
 
 def _unpacked(code: str) -> dict[str, Any]:
@@ -152,6 +167,12 @@ def _start(value: Any) -> Start | None:
         raise SettingError("the share code's outline is broken: expected a frame and the corners")
     corners = [_numbers(row) for row in value[1:]]
     return Start(_whole("frame", value[0], 10**7), tuple((x, y) for x, y in corners))
+
+
+def _video(value: Any) -> str | None:
+    if value is not None and (not isinstance(value, str) or display_name(value) != value):
+        raise SettingError(f"the share code names a video {str(value)[:40]!r}: expected the name of a file or a scene")
+    return value
 
 
 def _numbers(row: list[Any]) -> tuple[float, ...]:

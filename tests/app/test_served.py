@@ -2,17 +2,30 @@
 
 import argparse
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pfviz_app import cli, server
+from pfviz_app.commands import Drag, Load, Open, Select, Set, Step
 from pfviz_app.films import Start, ToyFilm, VideoFilm
 from pfviz_app.lane import Lane
 from pfviz_app.served import video_of
 from pfviz_app.settings import Settings
+from pfviz_app.share import encode
 from pfviz_app.start_box import USUAL
 from pfviz_app.video_options import assumptions_of, limits_of
-from stand_ins import DISC_BOX, DISC_OUTLINE, centre, message_of, run_here, write_positions
+from stand_ins import (
+    DISC_BOX,
+    DISC_OUTLINE,
+    Visit,
+    centre,
+    disc_setup,
+    message_of,
+    run_here,
+    write_disc_video,
+    write_positions,
+)
 
 from pfviz.filters import make_filter
 from pfviz.vision import Limits, Restarting
@@ -121,3 +134,31 @@ def test_experiments_know_a_scene_only_as_it_is():
     assert VideoFilm(served("scene:twin")).place == "scene:twin"
     for words in (("--model", "colour"), ("--no-restart",), ("--learn-frame", 3), ("--box", BOX)):
         assert VideoFilm(served("scene:twin", *words)).place is None
+
+
+@pytest.mark.parametrize(
+    ("name", "public"),
+    [
+        ("scene:twin:3", "scene:twin:3"),
+        ("camera:0", "camera:0"),
+        ("/home/somebody/holiday.mp4", "holiday.mp4"),
+        ("C:\\Users\\somebody\\holiday.mp4", "holiday.mp4"),
+        ("/home/somebody/frames/", "frames"),
+        ("/home/somebody/a\nb.mp4", r"a\nb.mp4"),
+        (None, "disc"),
+    ],
+)
+def test_a_video_is_known_by_a_name_without_folders(name, public):
+    assert replace(disc_setup(), name=name).public_name == public
+
+
+def test_a_code_of_another_video_brings_back_the_rest_and_says_so(tmp_path):
+    few, path = Settings(toy_particles=12, tracker_particles=15), write_disc_video(tmp_path / "other.mp4")
+    with Visit(few) as visit:
+        picture = visit.do(Step(2), Select(17.0, 28.0, 35.0, 44.0), Set("system", 2.0), Step(3), Drag(0.4, 0.0))
+        code, same = encode(picture.shared), visit.do(Open(encode(picture.shared)))
+        assert (same.t, same.message, same.tracker.film.chosen_start) == (3, "", picture.shared.start)
+        there = visit.do(Load(path, "other.mp4"), Open(code))
+    assert (there.t, there.settings, there.tracker.film.chosen_start) == (3, picture.settings, None)
+    assert "the video disc" in there.message and "it is other.mp4" in there.message
+    assert there.toy.trace[3].estimate == picture.toy.trace[3].estimate

@@ -59,6 +59,26 @@ def test_what_is_followed_in_the_video_is_in_the_code():
         assert decode(encode(Shared(Settings(), start=start))).start == start
 
 
+@given(st.sampled_from(["scene:twin", "holiday.mp4", "Füße und Köpfe.mov", r"a\x1b.mp4"]))
+def test_the_video_is_in_the_code(video):
+    assert decode(encode(Shared(Settings(), video=video))).video == video
+
+
+def test_codes_made_before_they_named_the_video_open_as_they_did():
+    before = decode("pf2-eNqrVipRsjLRUSouSSwCsqINdKJN9UxNdQz1jGJ1oo31THRMzfUMYmNrAefHCrw")
+    assert before == decode(code_of({"t": 4, "start": [0, [5.55, 1.2], [3.4, 57.0]]})) and before.video is None
+    for video in ("scene:twin", "holiday.mp4"):
+        assert before.brought_to(video) == (before, "")
+
+
+def test_what_is_marked_in_one_video_is_not_looked_for_in_another():
+    shared = Shared(Settings(seed=7), 12, held={3: (1.5,)}, start=Start(7, ((1.0, 2.0), (30.5, 40.0))), video="a.mp4")
+    assert shared.brought_to("a.mp4") == (shared, "")
+    elsewhere, note = shared.brought_to("scene:twin")
+    assert elsewhere == replace(shared, start=None)
+    assert "a.mp4" in note and "scene:twin" in note
+
+
 def test_changes_are_told_where_they_are():
     one, other = Settings(), Settings(system=2.0)
     assert changes([one, one, replace(one, dark=True), other, one]) == ((1, one), (4, other), (5, one))
@@ -102,6 +122,9 @@ def test_what_is_no_share_code_is_refused_in_words(text):
         {"start": 3},
         {"start": [0, [1, 2], "x", [1]]},
         {"start": [-1, [1, 2], [3, 4]]},
+        {"video": 7},
+        {"video": "a\nb.mp4"},
+        {"video": "x" * 500},
         [1, 2],
         7,
     ],
