@@ -18,8 +18,10 @@ import pytest
 from pfviz_app.cli import main
 from pfviz_app.films import VideoSetup
 from pfviz_app.picture import Pick, Picture
+from pfviz_app.room import Run
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
+from pfviz_app.shelf import Shelf
 
 from pfviz.particles import FloatArray
 from pfviz.vision.tracker import TrackerModel, learn_tracker
@@ -164,9 +166,9 @@ class Screen:
 class Visit:
     """A session on a stand-in screen; ``do`` returns when its commands have been carried out and drawn."""
 
-    def __init__(self, settings: Settings, video: VideoSetup | None = None) -> None:
+    def __init__(self, settings: Settings, video: VideoSetup | None = None, runs: Shelf[Run] | None = None) -> None:
         self.screen = Screen()
-        self.session = Session(settings, video or disc_setup(), self.screen)
+        self.session = Session(settings, video or disc_setup(), self.screen, runs)
         self._marks = itertools.count(1)
         self.session.start()
 

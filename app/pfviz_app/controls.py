@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import time
 from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
 from dataclasses import fields
@@ -29,6 +30,7 @@ from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
 _TWO_DOCKS = 1150
+_TIME_PERIOD = 0.2
 _LAST_STAGE, _NEXT_STAGE = "‹ before", "after ›"
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 _BRANCH, _HELP = "Branch here", "Help, keys"
@@ -67,6 +69,7 @@ class Controls:
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: Any = None
         self._dark: bool | None = None
+        self._time_shown_at = 0.0
         self._theme(settings.dark)
         self._controls(settings, straighten)
         self._text_and_plots()
@@ -95,8 +98,12 @@ class Controls:
         self._plots.draw(picture)
 
     def _show_time(self, picture: Picture) -> None:
-        self._put(self._time, "max", max(picture.last, 1))
-        self._set(self._time, picture.t)
+        """On the slider; while playing now and then, since the picture says it as well."""
+        now = time.monotonic()
+        if not picture.playing or now - self._time_shown_at > _TIME_PERIOD:
+            self._time_shown_at = now
+            self._put(self._time, "max", max(picture.last, 1))
+            self._set(self._time, picture.t)
 
     def _show_status(self, picture: Picture) -> None:
         working = picture.progress is not None

@@ -8,6 +8,8 @@ from pfviz.exact import Gaussian, GridDensity, GridMarginal
 from pfviz.particles import FloatArray
 
 _KEPT_STATES = 32
+Known = tuple[Gaussian | GridDensity, tuple[Gaussian | GridMarginal, float]]
+"""The exact posterior of the state, that of the innovation, and the increment of log p(y_1:t)."""
 
 
 class ExactAnswer:
@@ -22,10 +24,25 @@ class ExactAnswer:
         self._seen: dict[int, tuple[Any, FloatArray]] = {}
         self._answers: dict[int, tuple[Gaussian | GridMarginal, float]] = {}
 
-    def step(self, t: int, model: Any, observation: FloatArray) -> None:
-        """Go on to time ``t``; what came later is forgotten."""
+    def step(self, t: int, model: Any, observation: FloatArray, known: Known | None = None) -> None:
+        """Go on to time ``t``; what came later is forgotten.
+
+        Args:
+            t: the time.
+            model: believed in.
+            observation: at that time.
+            known: what another answer to the same course has found there, to be spared the work.
+        """
         self.rewind(t - 1)
         self._seen[t] = (model, observation)
+        if known is not None:
+            self._states[t], self._answers[t] = known
+        else:
+            self._work_out(t)
+        for old in sorted(self._states)[1:-_KEPT_STATES]:
+            del self._states[old]
+
+    def _work_out(self, t: int) -> None:
         for time in range(max(self._states) + 1, t + 1):
             believed, seen = self._seen[time]
             step = believed.exact_step(self._states[time - 1], seen)
@@ -34,8 +51,10 @@ class ExactAnswer:
             self._states[time] = step.posterior
             marginal = step.posterior.leading(1 if isinstance(step.posterior, GridDensity) else self._dimension)
             self._answers[time] = (marginal, step.log_evidence)
-        for old in sorted(self._states)[1:-_KEPT_STATES]:
-            del self._states[old]
+
+    def known(self, t: int) -> Known | None:
+        """What was found at time ``t``; None where nothing was, or the density is no longer kept."""
+        return (self._states[t], self._answers[t]) if t in self._states and t in self._answers else None
 
     def rewind(self, t: int) -> None:
         """Forget what came after time ``t``."""

@@ -7,8 +7,10 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import islice
 from pathlib import Path
+from secrets import token_hex
 from typing import Any, Protocol
 
 import numpy as np
@@ -36,6 +38,10 @@ class Film(Protocol):
     @property
     def length(self) -> int | None:
         """The last time there is, where known."""
+        ...
+
+    def sign(self, t: int) -> str:
+        """What tells the observation at time ``t`` apart from those that follow the same ones; at 0 the whole film."""
         ...
 
     def model(self, system: float, observation: float, proposal: float) -> Model:
@@ -104,6 +110,9 @@ class ToyFilm:
         self._held[t] = readonly(place)
         if t <= len(self._drawn):
             self._draw_anew()
+
+    def sign(self, t: int) -> str:
+        return repr(self._held[t].tolist()) if t in self._held else "" if t else f"{self.world.name}, {self._seed}"
 
     def model(self, system: float, observation: float, proposal: float) -> Model:
         return self.world.model.with_noise(system, observation, proposal)
@@ -182,6 +191,7 @@ class VideoSetup:
         assumed: of whatever is followed.
         limits: of what a video may cost, be it this one or one that a visitor sends.
         frame_rate: of images, where it was given.
+        token: which no other setup has.
     """
 
     open: Callable[[], VideoSource]
@@ -193,6 +203,7 @@ class VideoSetup:
     assumed: Assumptions = USUAL
     limits: Limits = field(default_factory=Limits)
     frame_rate: float | None = None
+    token: str = field(default_factory=partial(token_hex, 8))
 
     @property
     def public_name(self) -> str:
@@ -207,6 +218,7 @@ class VideoFilm:
         self.setup = self._given = setup
         self.source = source or setup.open()
         self.chosen_start: Start | None = None
+        self._token = token_hex(8) if hasattr(self.source, "latest") else setup.token
         self._estimates: deque[tuple[StepRecord, TrackEstimate]] = deque(maxlen=_KEPT_ESTIMATES)
         self._temporary: Path | None = None
 
@@ -275,6 +287,9 @@ class VideoFilm:
     def length(self) -> int | None:
         count = self.source.frame_count
         return None if count is None else max(count - self.setup.start_frame, 0)
+
+    def sign(self, t: int) -> str:
+        return "" if t else f"{self._token}, {self.chosen_start}"
 
     def model(self, system: float, observation: float, proposal: float) -> TrackerModel:
         return self.setup.model.with_noise(system, observation, proposal)

@@ -6,8 +6,9 @@ from contextlib import nullcontext
 
 from pfviz import kernels
 from pfviz_app.films import ToyFilm, VideoFilm
-from pfviz_app.room import Room
+from pfviz_app.room import Room, Run
 from pfviz_app.settings import Settings
+from pfviz_app.shelf import Shelf
 
 
 class Lane:
@@ -18,14 +19,20 @@ class Lane:
         tracker: the room of the video.
     """
 
-    def __init__(self, settings: Settings, toy_film: ToyFilm, tracker_film: VideoFilm) -> None:
+    def __init__(
+        self, settings: Settings, toy_film: ToyFilm, tracker_film: VideoFilm, runs: Shelf[Run] | None = None
+    ) -> None:
         self._settings = settings
         self._plain = not kernels.compiled_ready()
         self._log: list[Settings] = []
-        noises = (settings.system, settings.observation, settings.proposal)
-        toy_model, tracker_model = toy_film.model(*noises), tracker_film.model(*noises)
-        self.toy = Room(toy_film, settings.filter, toy_model, settings.toy_particles, settings.seed)
-        self.tracker = Room(tracker_film, settings.filter, tracker_model, settings.tracker_particles, settings.seed)
+        s, noises, belief = settings, settings.noises, self._belief(settings)
+        toy_model, tracker_model = toy_film.model(**noises), tracker_film.model(**noises)
+        self.toy = Room(toy_film, s.filter, toy_model, s.toy_particles, s.seed, belief, runs)
+        self.tracker = Room(tracker_film, s.filter, tracker_model, s.tracker_particles, s.seed, belief, runs)
+
+    def _belief(self, settings: Settings) -> str:
+        """What the rooms' models are made of, and how their numbers are rounded."""
+        return f"{settings.noises}, {self._plain}"
 
     @property
     def rooms(self) -> tuple[Room[ToyFilm], Room[VideoFilm]]:
@@ -57,14 +64,17 @@ class Lane:
         first = max(room.trace.first for room in self.rooms)
         return 0 if first == 1 else first
 
+    def course(self, t: int) -> tuple[object, ...]:
+        """What tells apart all that can be seen of the rooms at time ``t``."""
+        return (self._settings if t == 0 else None, self.earliest, *(room.course(t) for room in self.rooms))
+
     def configure(self, settings: Settings) -> None:
         """Use other settings from the next step on."""
         if settings == self._settings:
             return
         self._settings = settings
-        noises = (settings.system, settings.observation, settings.proposal)
         for room, count in ((self.toy, settings.toy_particles), (self.tracker, settings.tracker_particles)):
-            room.configure(settings.filter, room.film.model(*noises), count)
+            room.configure(settings.filter, room.film.model(**settings.noises), count, self._belief(settings))
 
     def step(self) -> None:
         """One step in both rooms, or in neither.

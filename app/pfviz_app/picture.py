@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable
 from dataclasses import dataclass, replace
 from typing import Literal, Protocol
 
@@ -74,6 +75,16 @@ class Picture:
             return None
         chosen = replace(self.chosen, rival=False) if self.chosen and self.chosen.rival else None
         return replace(self, lane=self.rival, rival=None, chosen=chosen)
+
+    @property
+    def look(self) -> Hashable:
+        """Equal where the drawings of two visitors' pictures are equal."""
+        settings = replace(self.settings, speed=Settings.speed)
+        rival = None if self.rival is None else self._course(self.rival)
+        return settings, self.t, self.stage, self.chosen, self.outline, self._course(self.lane), rival
+
+    def _course(self, lane: Lane) -> Hashable:
+        return lane.course(self.t) if lane.earliest <= self.t <= lane.last else None
 
     @property
     def shared(self) -> Shared:

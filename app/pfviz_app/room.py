@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
+from hashlib import blake2b
 from time import perf_counter
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -16,10 +17,14 @@ from pfviz.randomness import Streams, step_rng
 from pfviz.record import StepRecord, Trace
 from pfviz.resampling import RESAMPLERS
 from pfviz.vision.presence import Presence
+from pfviz_app.exact_answer import Known
 from pfviz_app.films import Film
+from pfviz_app.shelf import Shelf
 
 F = TypeVar("F", bound=Film)
 _TRACE_BYTES = 128 * 2**20
+_OVERHEAD = 2000
+"""Roughly what a run takes beside its arrays, in bytes."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,21 +55,66 @@ class Outcome:
         return self.presence is not None and not self.presence.tracked
 
 
-class Room(Generic[F]):
-    """A film, the filter and model that are run on it, and the trace of what they did."""
+@dataclass(frozen=True, slots=True, eq=False)
+class Run:
+    """A step that was run.
 
-    def __init__(self, film: F, filter_name: str, model: Model, n_particles: int, seed: int) -> None:
+    Attributes:
+        record: of it.
+        outcome: what is kept beside the record.
+        exact: what the exact answer found, where there is one.
+    """
+
+    record: StepRecord
+    outcome: Outcome
+    exact: Known | None
+
+    @property
+    def nbytes(self) -> int:
+        """Roughly how much memory it keeps alive."""
+        return self.record.nbytes + (self.exact[0].nbytes if self.exact else 0) + _OVERHEAD
+
+
+class Room(Generic[F]):
+    """A film, the filter and model that are run on it, and the trace of what they did.
+
+    Args:
+        film: what the filter sees.
+        filter_name: of the filter.
+        model: that the filter believes in.
+        n_particles: how many.
+        seed: of all random numbers.
+        belief: equal for equal models of the same film, and for nothing else.
+        runs: steps that others have run. All of a step's random numbers come from the seed, so it need be run only
+            once; without it every step is run here.
+    """
+
+    def __init__(
+        self,
+        film: F,
+        filter_name: str,
+        model: Model,
+        n_particles: int,
+        seed: int,
+        belief: str = "",
+        runs: Shelf[Run] | None = None,
+    ) -> None:
         self.film = film
-        self._seed = seed
+        self._seed, self._runs = seed, runs
         self._outcomes: list[Outcome] = []
-        self.configure(filter_name, model, n_particles)
+        self._courses = [_digest(b"", (film.sign(0), seed))]
+        self.configure(filter_name, model, n_particles, belief)
         self.trace = Trace(self._filter.initial(step_rng(seed, 0), model), _TRACE_BYTES)
         self.exact = film.exact()
 
-    def configure(self, filter_name: str, model: Model, n_particles: int) -> None:
+    def configure(self, filter_name: str, model: Model, n_particles: int, belief: str = "") -> None:
         """Use another filter or model from the next step on."""
         self._filter_name, self._filter = filter_name, self.film.looking(make_filter(filter_name, n_particles))
-        self._model, self._n_particles = model, n_particles
+        self._model, self._n_particles, self._belief = model, n_particles, belief
+
+    def course(self, t: int) -> bytes:
+        """What tells apart all that happened up to time ``t``: the film, the seed, and how each step was run."""
+        return self._courses[t]
 
     def step(self) -> StepRecord:
         """Run the filter on the next observation and record it.
@@ -75,9 +125,20 @@ class Room(Generic[F]):
             EndOfVideo: when the film is over.
         """
         t = self.trace.last + 1
+        course = _digest(self._courses[-1], (self.film.sign(t), self._filter_name, self._n_particles, self._belief))
+        run = self._run(t) if self._runs is None else self._runs.get(course, lambda: self._run(t))
         if t == 1:
-            self.trace.initial = self._filter.initial(step_rng(self._seed, 0), self._model)
-        particles = self._resized(self.trace.particles, t)
+            self.trace.initial = run.record.previous
+        if self.exact is not None:
+            self.exact.step(t, self._model, run.record.observation, run.exact)
+        self.trace.append(run.record)
+        self._outcomes.append(run.outcome)
+        self._courses.append(course)
+        return run.record
+
+    def _run(self, t: int) -> Run:
+        particles = self._filter.initial(step_rng(self._seed, 0), self._model) if t == 1 else self.trace.particles
+        particles = self._resized(particles, t)
         presence = self._outcomes[-1].presence if self._outcomes else self.film.presence
         model = self.film.given(self._model, presence)
         began = perf_counter()
@@ -85,15 +146,17 @@ class Room(Generic[F]):
         record = self._filter.step(step_rng(self._seed, t), model, particles, observation)
         presence = self.film.presence_after(model, presence, record)
         elapsed = 1000.0 * (perf_counter() - began)
-        if self.exact is not None:
-            self.exact.step(t, self._model, observation)
-        self.trace.append(record)
         so_far = self._outcomes[-1].log_evidence if self._outcomes else 0.0
         log_evidence = so_far + (np.nan if record.log_evidence is None else record.log_evidence)
-        error = self.film.error(t, record)
-        size = record.effective_sample_size
-        self._outcomes.append(Outcome(self._filter_name, self._model, error, log_evidence, size, elapsed, presence))
-        return record
+        error, size = self.film.error(t, record), record.effective_sample_size
+        outcome = Outcome(self._filter_name, self._model, error, log_evidence, size, elapsed, presence)
+        return Run(record, outcome, self._exact(t, observation))
+
+    def _exact(self, t: int, observation: Any) -> Known | None:
+        if self.exact is None:
+            return None
+        self.exact.step(t, self._model, observation)
+        return self.exact.known(t)
 
     def outcome(self, t: int) -> Outcome:
         """What is known of the step at time ``t`` beside its record."""
@@ -102,14 +165,14 @@ class Room(Generic[F]):
     def rewind(self, t: int) -> None:
         """Forget what came after time ``t``."""
         self.trace.truncate(t)
-        del self._outcomes[t:]
+        del self._outcomes[t:], self._courses[t + 1 :]
         if self.exact is not None:
             self.exact.rewind(t)
 
     def fork(self, t: int) -> Room[F]:
         """A room with the same records up to time ``t``, which goes its own way from there."""
         other = copy(self)
-        other.trace, other._outcomes = self.trace.copy(), list(self._outcomes)
+        other.trace, other._outcomes, other._courses = self.trace.copy(), list(self._outcomes), list(self._courses)
         other.exact = self.exact and self.exact.copy()
         other.rewind(t)
         return other
@@ -138,3 +201,7 @@ class Room(Generic[F]):
     def log_evidences(self) -> np.ndarray:
         """log p(y_1:t), as the filter estimates it, at the times recorded; NaN from where it defines none."""
         return np.array([outcome.log_evidence for outcome in self._outcomes[self.trace.first - 1 :]])
+
+
+def _digest(before: bytes, step: tuple[object, ...]) -> bytes:
+    return blake2b(before + repr(step).encode(), digest_size=16).digest()

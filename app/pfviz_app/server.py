@@ -22,10 +22,13 @@ from pfviz_app.commands import Click, Drag, Resize
 from pfviz_app.controls import Controls
 from pfviz_app.films import Point, VideoSetup
 from pfviz_app.picture import Pick, Picture
+from pfviz_app.room import Run
 from pfviz_app.sending import send
 from pfviz_app.served import video_of
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
+from pfviz_app.shelf import Shelf
+from pfviz_app.stage.drawing import Drawing
 from pfviz_app.stage.stage import Stage
 
 log = logging.getLogger(__name__)
@@ -35,13 +38,27 @@ _FAREWELL = "Queued a .* on a closed connection"
 _PORTS_TRIED = 50
 
 
+class Shelves:
+    """What the visitors' sessions have made and others can use.
+
+    Attributes:
+        runs: steps of filters.
+        drawings: of pictures.
+    """
+
+    def __init__(self) -> None:
+        self.runs: Shelf[Run] = Shelf(256 * 2**20)
+        self.drawings: Shelf[Drawing] = Shelf(96 * 2**20)
+
+
 class Visitor:
     """A visitor's screen and session; satisfies ``View``."""
 
-    def __init__(self, client: viser.ClientHandle, settings: Settings, video: VideoSetup) -> None:
-        self._stage = Stage(client, self._grabbed)
+    def __init__(self, client: viser.ClientHandle, settings: Settings, video: VideoSetup, shelves: Shelves) -> None:
+        self._client = client
+        self._stage = Stage(client, self._grabbed, shelves.drawings)
         self._stage.resize(client.camera.image_width, client.camera.image_height)
-        self.session = Session(settings, video, self)
+        self.session = Session(settings, video, self, shelves.runs)
         try:
             self._controls = Controls(client, settings, self.session.post, self.session.idle, self._stage.straighten)
         except BaseException:
@@ -57,10 +74,14 @@ class Visitor:
         self._controls.close()
 
     def draw(self, picture: Picture) -> None:
-        try:
-            send(partial(self._stage.draw, picture))
-        finally:  # the docks say what is wrong
-            send(partial(self._controls.show, picture))
+        send(partial(self._draw, picture))
+
+    def _draw(self, picture: Picture) -> None:
+        with self._client.atomic():  # which wakes viser's loop only once
+            try:
+                self._stage.draw(picture)
+            finally:  # the docks say what is wrong
+                self._controls.show(picture)
 
     def resize(self, width: int, height: int) -> None:
         self._stage.resize(width, height)
@@ -92,6 +113,7 @@ class App:
     def __init__(self, host: str, port: int, settings: Settings, video: VideoSetup) -> None:
         self._settings, self._video = settings, video
         self._visitors: dict[int, Visitor] = {}
+        self._shelves = Shelves()
         self._lock = threading.Lock()
         with contextlib.redirect_stdout(io.StringIO()):
             self.server = viser.ViserServer(host=host, port=port, label="pfviz", verbose=False)
@@ -105,7 +127,7 @@ class App:
 
     def _enter(self, client: viser.ClientHandle) -> None:
         try:
-            visitor = Visitor(client, self._settings, self._video)
+            visitor = Visitor(client, self._settings, self._video, self._shelves)
         except Exception as error:
             log.exception("a visitor's session could not start")
             client.add_notification("pfviz cannot start here", str(error), color="red")

@@ -45,9 +45,11 @@ from pfviz_app.commands import (
 from pfviz_app.films import Point, Start, ToyFilm, VideoFilm, VideoSetup
 from pfviz_app.lane import Lane
 from pfviz_app.picture import Picture, View
+from pfviz_app.room import Run
 from pfviz_app.scenarios import find_scenario
 from pfviz_app.settings import ITSELF, NOBODY, RUNNING, SettingError, Settings
 from pfviz_app.share import CORNER_DIGITS, PLACE_DIGITS, Shared, decode
+from pfviz_app.shelf import Shelf
 from pfviz_app.turns import Turns
 
 log = logging.getLogger(__name__)
@@ -60,10 +62,18 @@ _TASTE = ("dark", "speed", "arrows", "truth", "exact", "ancestry", "overlay")
 
 
 class Session:
-    """A visitor's rooms and playhead, worked by one thread from a queue of commands."""
+    """A visitor's rooms and playhead, worked by one thread from a queue of commands.
 
-    def __init__(self, settings: Settings, video: VideoSetup, view: View) -> None:
+    Args:
+        settings: to begin with.
+        video: what the tracker's room shows.
+        view: what is drawn on.
+        runs: steps that other visitors have run.
+    """
+
+    def __init__(self, settings: Settings, video: VideoSetup, view: View, runs: Shelf[Run] | None = None) -> None:
         self._settings = settings
+        self._runs = runs
         self._view = view
         self._queue: queue.SimpleQueue[Command] = queue.SimpleQueue()
         self._waiting: list[Command] = []
@@ -220,9 +230,9 @@ class Session:
         s = first or self._settings
         self._message, self._t, self._stage, self._chosen, self._grip = "", 0, None, None, None
         film = film or ToyFilm(get_world(s.world), s.seed)
-        self._lane = Lane(s, film, self._tracker_film)
+        self._lane = Lane(s, film, self._tracker_film, self._runs)
         rival = rival or self._rival_settings(s)
-        self._rival = Lane(rival, film, self._tracker_film) if rival else None
+        self._rival = Lane(rival, film, self._tracker_film, self._runs) if rival else None
 
     def _restart(self) -> None:
         self._outline = None
@@ -259,7 +269,8 @@ class Session:
             log = self._lane.log[: self._t]
             script = [replace(settings, filter=s.rival) for settings in log]
             self._rival = None
-            rival = Lane(script[0] if script else replace(s, filter=s.rival), self._lane.toy.film, self._tracker_film)
+            first = script[0] if script else replace(s, filter=s.rival)
+            rival = Lane(first, self._lane.toy.film, self._tracker_film, self._runs)
             self._run(rival, script)
             rival.configure(replace(s, filter=s.rival))
             self._rival, self._t = rival, min(self._t, rival.last)

@@ -6,7 +6,7 @@ from unittest.mock import MagicMock
 import pytest
 from pfviz_app import server
 from pfviz_app.commands import Ask, Seek, Step
-from pfviz_app.server import App, Visitor
+from pfviz_app.server import App, Shelves, Visitor
 from pfviz_app.settings import Settings
 from stand_ins import DiscVideo, disc_setup
 
@@ -41,13 +41,13 @@ def test_a_visitor_for_whom_no_controls_can_be_made_leaves_no_open_video(control
     video = DiscVideo()
     controls.side_effect = RuntimeError("gone")
     with pytest.raises(RuntimeError, match="gone"):
-        Visitor(page(), FEW, disc_setup(lambda: video))
+        Visitor(page(), FEW, disc_setup(lambda: video), Shelves())
     assert video.closed == 1
 
 
 def test_where_the_picture_cannot_be_drawn_the_docks_say_why(controls):
     video = DiscVideo()
-    visitor = Visitor(page(), FEW, disc_setup(lambda: video))
+    visitor = Visitor(page(), FEW, disc_setup(lambda: video), Shelves())
     done = []
     visitor.session.post(Step(3))
     visitor.session.post(Ask(lambda _: setattr(video, "broken", 0)))
@@ -62,7 +62,7 @@ def test_where_the_picture_cannot_be_drawn_the_docks_say_why(controls):
 
 
 def test_the_session_ends_before_what_it_draws_on(controls):
-    visitor = Visitor(page(), FEW, disc_setup())
+    visitor = Visitor(page(), FEW, disc_setup(), Shelves())
     alive = []
     controls.return_value.close.side_effect = lambda: alive.append(visitor.session.alive)
     visitor.close()

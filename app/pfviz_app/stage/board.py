@@ -1,92 +1,56 @@
-"""A drawing board on top of viser's scene: draw in pixels, by name, again and again.
+"""A drawing board: things are put on it by name, in pixels, and it gives the drawing.
 
-A node is created when its name is first drawn and only updated afterwards; what was not drawn since ``begin`` is
-hidden by ``finish``. The board lies in a plane that the camera looks at squarely through a small field of view, so one
-unit of the scene is one pixel of the canvas. It can still be orbited.
+The drawing lies in a plane that the camera looks at squarely through a small field of view, so one unit of the scene is
+one pixel of the canvas. It can still be orbited.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Literal
+from functools import lru_cache
+from typing import Literal
 
+import cv2
 import numpy as np
-import viser
 from numpy.typing import ArrayLike, NDArray
-from viser._messages import SceneNodeUpdateMessage
 
 from pfviz.particles import IntArray
-from pfviz_app.picture import Pick
+from pfviz_app.stage.drawing import Drawing, Frame, Mark, Room, Target, Toy
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.lettering import lettered
 from pfviz_app.stage.palette import Colours, Rgb, blend
 
-_ROOT = "/board"
-_FIELD_OF_VIEW = 0.12
-_UPRIGHT = (np.sqrt(0.5), np.sqrt(0.5), 0.0, 0.0)
 _THICKNESSES = (1.0, 1.8, 3.0)
 _SIZES = (0.5, 0.85, 1.3)
 _TEXT_DEPTH = 30.0
-_REACH = 16.0
+_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 85)
 Anchor = Literal["left", "centre", "right"]
-Room = Literal["toy", "tracker"]
 
 
 class Board:
-    """Named marks in pixel coordinates on one visitor's scene. Used by one thread.
+    """What one drawing is made on.
+
+    Args:
+        background: the colour of the canvas.
 
     Attributes:
         background: the colour of the canvas.
-        scope: put before every name, so that the same drawing can be made twice.
+        scope: put before every name, so that the same can be drawn twice.
     """
 
-    def __init__(self, client: viser.ClientHandle, on_grab: Callable[[float, float, bool], None]) -> None:
-        self._client, self._on_grab = client, on_grab
-        self._scene = client.scene
-        self._nodes: dict[str, Any] = {}
-        self._props: dict[str, dict[str, Any]] = {}
-        self._drawn: set[str] = set()
-        self._looks: dict[str, tuple[Any, ...]] = {}
-        self._targets: list[tuple[Room, NDArray[np.float64], IntArray, bool]] = []
-        self.scope = ""
-        self.background: Rgb = (255, 255, 255)
-        self._scene.add_frame(_ROOT, wxyz=_UPRIGHT, show_axes=False)
-
-    def fit_camera(self, width: float, height: float) -> None:
-        """Look squarely at a canvas of this size, one unit a pixel."""
-        distance = height / 2.0 / np.tan(_FIELD_OF_VIEW / 2.0)
-        camera = self._client.camera
-        camera.fov = _FIELD_OF_VIEW
-        camera.near, camera.far = distance / 10.0, distance * 4.0
-        camera.up_direction = (0.0, 0.0, 1.0)
-        camera.position = (width / 2.0, -distance, -height / 2.0)
-        camera.look_at = (width / 2.0, 0.0, -height / 2.0)
-
-    def begin(self, background: Rgb) -> None:
-        self._drawn.clear()
-        self._targets.clear()
+    def __init__(self, background: Rgb) -> None:
         self.background = background
+        self.scope = ""
+        self._marks: dict[str, Mark] = {}
+        self._targets: list[Target] = []
+        self._grips: set[str] = set()
 
-    def finish(self) -> None:
-        """Hide what was not drawn since ``begin``."""
-        for name, node in self._nodes.items():
-            if node.visible != (name in self._drawn):
-                node.visible = name in self._drawn
+    def finish(self, toy: Toy | None, frame: Frame | None) -> Drawing:
+        """The drawing, with those who know what its pixels stand for."""
+        return Drawing(self._marks, tuple(self._targets), frozenset(self._grips), toy, frame)
 
     def target(self, room: Room, points: ArrayLike, indices: IntArray) -> None:
         """Let what is drawn at ``points (n, 2 or 3)`` be clicked: it stands for the particles at ``indices (n,)``."""
-        self._targets.append((room, np.asarray(points, dtype=float)[:, :2], indices, bool(self.scope)))
-
-    def pick(self, x: float, y: float) -> Pick | None:
-        """The particle nearest to a pixel, within reach of a finger."""
-        best, found = _REACH, None
-        for room, points, indices, rival in self._targets:
-            if len(points):
-                distances = np.hypot(points[:, 0] - x, points[:, 1] - y)
-                nearest = int(np.argmin(distances))
-                if distances[nearest] < best:
-                    best, found = float(distances[nearest]), Pick(room, int(indices[nearest]), rival)
-        return found
+        self._targets.append(Target(room, np.asarray(points, dtype=float)[:, :2], indices, bool(self.scope)))
 
     def segments(
         self, name: str, points: ArrayLike, colours: Colours | Rgb, thickness: float = 1.5, depth: float = 0.0
@@ -96,14 +60,8 @@ class Board:
         if not len(placed):
             return
         colour = np.broadcast_to(_for_lines(colours).reshape(-1, 1, 3), (len(placed), 2, 3))
-        self._draw(
-            name,
-            self._scene.add_line_segments,
-            points=placed,
-            colors=np.ascontiguousarray(colour),
-            thickness=thickness,
-            thickness_units="screen",
-        )
+        colours = np.ascontiguousarray(colour)
+        self._put(name, Mark("lines", {"points": placed, "colors": colours, "thickness": thickness}))
 
     def polyline(
         self,
@@ -146,16 +104,8 @@ class Board:
         placed = _placed(points, depth)
         if not len(placed):
             return
-        self._draw(
-            name,
-            self._scene.add_point_cloud,
-            points=placed,
-            colors=np.ascontiguousarray(np.broadcast_to(np.asarray(colours, dtype=np.uint8), placed.shape)),
-            point_size=size / 2.0,
-            point_shape="circle",
-            point_shading="flat",
-            precision="float32",
-        )
+        colours = np.ascontiguousarray(np.broadcast_to(np.asarray(colours, dtype=np.uint8), placed.shape))
+        self._put(name, Mark("points", {"points": placed, "colors": colours, "point_size": size / 2.0}))
 
     def weighted_points(
         self,
@@ -192,101 +142,50 @@ class Board:
         bold: bool = False,
     ) -> None:
         """One line of text, its middle at height ``y`` and its ``anchor`` at ``x``."""
-        if self._as_before(name, (text, x, y, colour, anchor, size, bold)):
-            return
-        picture, width, height = lettered(text, size, colour, bold)
-        left = x - {"left": 0.0, "centre": width / 2.0, "right": width}[anchor]
-        self.image(name, picture, Rect(left, y - height / 2.0, width, height), _TEXT_DEPTH)
+        self._put(name, _text(text, x, y, colour, anchor, size, bold))
 
     def handle(self, name: str, x: float, y: float, colour: Rgb) -> None:
-        """Something to take hold of: dragging it tells ``on_grab`` the pixel, and whether that was the end of it."""
-        new = self.scope + name not in self._nodes
-        picture, width, height = lettered("✥", 21, colour, True)
-        self.image(name, picture, Rect(x - width / 2.0, y - height / 2.0, width, height), _TEXT_DEPTH)
-        if new:
-            self._nodes[self.scope + name].on_drag(self._grabbed)
-
-    async def _grabbed(self, event: Any) -> None:
-        """A coroutine, so that what was dragged arrives in order."""
-        x, y = event.end_screen_pos
-        camera = self._client.camera
-        self._on_grab(x * camera.image_width, y * camera.image_height, event.phase == "end")
+        """Something to take hold of."""
+        self._put(name, _text("✥", x, y, colour, "centre", 21, True))
+        self._grips.add(self.scope + name)
 
     def rule(self, name: str, left: float, right: float, y: float, colour: Rgb, depth: float = 0.0) -> None:
         """A horizontal hairline."""
-        if not self._as_before(name, (left, right, y, colour, depth)):
-            self.segments(name, [[[left, y], [right, y]]], colour, 1.0, depth)
-
-    def _as_before(self, name: str, looks: tuple[Any, ...]) -> bool:
-        """Whether the node is there and looked like this when it was last drawn; if so, it is drawn again by that."""
-        name = self.scope + name
-        same = self._looks.get(name) == looks and name in self._nodes
-        self._looks[name] = looks
-        if same:
-            self._drawn.add(name)
-        return same
+        self._put(name, _rule(left, right, y, colour, depth))
 
     def image(self, name: str, image: NDArray[np.uint8], rect: Rect, depth: float = -12.0) -> None:
-        """An RGB or RGBA image that fills ``rect``."""
-        name = self.scope + name
-        node = self._nodes.get(name)
-        self._drawn.add(name)
-        x, y = rect.centre
-        position = (x, -y, depth)
-        if node is None:
-            self._nodes[name] = self._scene.add_image(
-                _path(name),
-                image,
-                rect.width,
-                rect.height,
-                format="jpeg" if image.shape[2] == 3 else "png",
-                jpeg_quality=85,
-                cast_shadow=False,
-                receive_shadow=False,
-                wxyz=(0.0, 1.0, 0.0, 0.0),
-                position=position,
-            )
-            self._props[name] = {"image": image}
-            return
-        if self._props[name]["image"] is not image:
-            node.image = image
-            self._props[name]["image"] = image
-        if (node.render_width, node.render_height) != (rect.width, rect.height):
-            node.render_width, node.render_height = rect.width, rect.height
-        if not np.array_equal(node.position, position):
-            node.position = position
+        """A BGR or BGRA image that fills ``rect``."""
+        self._put(name, _image(image, rect, depth))
+
+    def _put(self, name: str, mark: Mark) -> None:
+        self._marks[self.scope + name] = mark
 
     def _pale(self, colour: Rgb, strength: float) -> Rgb:
         r, g, b = blend(self.background, colour, strength).tolist()
         return r, g, b
 
-    def _draw(self, name: str, create: Any, **props: Any) -> Any:
-        """Create the node, or update those of its properties that have changed."""
-        name = self.scope + name
-        self._drawn.add(name)
-        node, before = self._nodes.get(name), self._props.get(name)
-        if node is None or before is None:
-            node = self._nodes[name] = create(_path(name), **props)
-        else:
-            _update(node, {key: value for key, value in props.items() if not _equal(before[key], value)})
-        self._props[name] = props
-        return node
+
+@lru_cache(maxsize=2048)
+def _text(text: str, x: float, y: float, colour: Rgb, anchor: Anchor, size: float, bold: bool) -> Mark:
+    """A line of text. Of what is written in every drawing there is one mark, which need not be sent again."""
+    picture, width, height = lettered(text, size, colour, bold)
+    left = x - {"left": 0.0, "centre": width / 2.0, "right": width}[anchor]
+    return _image(picture, Rect(left, y - height / 2.0, width, height), _TEXT_DEPTH)
 
 
-def _equal(before: Any, now: Any) -> bool:
-    """Whether a property is as it was; comparing bytes is ten times as quick as ``np.array_equal``."""
-    if isinstance(now, np.ndarray):
-        return before.shape == now.shape and before.tobytes() == now.tobytes()
-    return before == now
+@lru_cache(maxsize=512)
+def _rule(left: float, right: float, y: float, colour: Rgb, depth: float) -> Mark:
+    board = Board(colour)
+    board.segments("rule", [[[left, y], [right, y]]], colour, 1.0, depth)
+    return board.finish(None, None).marks["rule"]
 
 
-def _update(node: Any, changed: dict[str, Any]) -> None:
-    """Send the changed properties of a node as one message.
-
-    Assigning them to the handle would copy, compare and queue each one on its own: half the time of a picture.
-    """
-    if changed:
-        node._impl.api._queue_scene_message(SceneNodeUpdateMessage(node.name, changed))
+def _image(image: NDArray[np.uint8], rect: Rect, depth: float) -> Mark:
+    format, options = ("png", ()) if image.shape[2] == 4 else ("jpeg", _JPEG)
+    encoded = cv2.imencode(f".{format}", image, options)[1]
+    size = {"render_width": rect.width, "render_height": rect.height}
+    x, y = rect.centre
+    return Mark("image", {"_format": format, "_data": encoded, **size}, (x, -y, depth))
 
 
 def joined(points: ArrayLike, closed: bool = False) -> NDArray[np.float64]:
@@ -316,11 +215,6 @@ def _placed(points: ArrayLike, depth: float) -> NDArray[np.float32]:
     placed[..., 0], placed[..., 1] = array[..., 0], -array[..., 1]
     placed[..., 2] = depth + (array[..., 2] if array.shape[-1] == 3 else 0.0)
     return placed
-
-
-def _path(name: str) -> str:
-    """A flat path: in viser's tree a node would inherit its parent's place and visibility."""
-    return f"{_ROOT}/{name.replace('/', '.')}"
 
 
 def _for_lines(colours: Colours | Rgb) -> Colours:

@@ -22,9 +22,8 @@ def _font(size: float, bold: bool) -> ImageFont.FreeTypeFont:
     return ImageFont.truetype(str(_FONTS / name), size * _DENSITY)
 
 
-@lru_cache(maxsize=512)
 def lettered(text: str, size: float, colour: Rgb, bold: bool = False) -> tuple[NDArray[np.uint8], float, float]:
-    """``text`` as an RGBA picture.
+    """``text`` as a BGRA picture.
 
     Args:
         text: one line.
@@ -42,7 +41,7 @@ def lettered(text: str, size: float, colour: Rgb, bold: bool = False) -> tuple[N
     mask = Image.new("L", (width, height), 0)
     ImageDraw.Draw(mask).text((2 - left, 1), text, font=font, fill=255)
     picture = np.empty((height, width, 4), np.uint8)
-    picture[..., :3] = colour
+    picture[..., :3] = colour[::-1]
     picture[..., 3] = np.asarray(mask)
     return picture, width / _DENSITY, height / _DENSITY
 

@@ -62,7 +62,6 @@ class TrackerStage:
 
     def __init__(self, board: Board) -> None:
         self._board = board
-        self._frame: tuple[Image, NDArray[np.uint8]] | None = None
         self._windows: tuple[Window, ...] = ()
 
     def place(self, x: float, y: float) -> Point | None:
@@ -75,7 +74,7 @@ class TrackerStage:
         image = film.image(max(t, 1))
         whole = Window(self._frame_rect(rect, width / height), Rect(0, 0, width, height))
         self._windows = (whole,)
-        self._board.image("tracker/frame", self._shown(image), whole.rect)
+        self._board.image("tracker/frame", _shrunk(image), whole.rect)
         if picture.outline:
             self._clicked(picture.outline, whole)
         if t == 0:
@@ -112,14 +111,6 @@ class TrackerStage:
     def _frame_rect(self, rect: Rect, aspect: float) -> Rect:
         return Rect(rect.x, rect.y, rect.width, 0.46 * rect.height).fitted(aspect)
 
-    def _shown(self, image: Image) -> NDArray[np.uint8]:
-        """The frame as RGB, at most 640 pixels wide; the same array for the same frame."""
-        if self._frame is None or self._frame[0] is not image:
-            shrink = min(1.0, 640.0 / image.shape[1])
-            small = cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA) if shrink < 1 else image
-            self._frame = (image, _rgb(small))
-        return self._frame[1]
-
     def _close_up(self, rect: Rect, frame: Rect, estimate: TrackEstimate, image: Image, palette: Palette) -> Window:
         below = Rect(rect.x, frame.bottom + 14, rect.width, max(rect.bottom - frame.bottom - 14, 40))
         aspect = float(np.clip(below.width / below.height, 0.8, 1.6))
@@ -130,7 +121,7 @@ class TrackerStage:
         zoom = _CLOSE_UP_PIXELS / part.width
         placing = np.array([[zoom, 0.0, -part.x * zoom], [0.0, zoom, -part.y * zoom]])
         crop = cv2.warpAffine(image, placing, size, flags=cv2.INTER_LINEAR, borderValue=palette.background[::-1])
-        self._board.image("tracker/close", _rgb(crop), target)
+        self._board.image("tracker/close", crop.astype(np.uint8, copy=False), target)
         return Window(target, part)
 
     def _border(self, close: Window, whole: Window, palette: Palette) -> None:
@@ -256,7 +247,7 @@ class TrackerStage:
         else:
             strength, colour = seen.edges.astype(float), _EDGES
         layer = np.empty((*strength.shape, 4), np.uint8)
-        layer[..., :3] = colour
+        layer[..., :3] = colour[::-1]
         layer[..., 3] = np.rint(225.0 * strength)
         self._board.image(f"tracker/frame/{kind}", layer, whole.rect, -9.0)
 
@@ -285,5 +276,9 @@ def _normals_put(matrix: FloatArray, normals: FloatArray) -> FloatArray:
     return along / np.linalg.norm(along, axis=1, keepdims=True)
 
 
-def _rgb(image: NDArray[Any]) -> NDArray[np.uint8]:
-    return cv2.cvtColor(image, cv2.COLOR_BGR2RGB).astype(np.uint8, copy=False)
+def _shrunk(image: Image) -> Image:
+    """The frame, at most 640 pixels wide."""
+    shrink = min(1.0, 640.0 / image.shape[1])
+    if shrink == 1.0:
+        return image
+    return cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)

@@ -122,6 +122,11 @@ class GridDensity:
     fine: _Cells
     coarse: _Cells
 
+    @property
+    def nbytes(self) -> int:
+        """How much memory the cells take."""
+        return sum(cells.indices.nbytes + cells.probabilities.nbytes for cells in (self.fine, self.coarse))
+
     def leading(self, dimension: int = 1) -> GridMarginal:
         """The marginal of the innovation."""
         if dimension != 1:

@@ -43,6 +43,11 @@ class Gaussian:
         object.__setattr__(self, "mean", mean)
         object.__setattr__(self, "covariance", covariance)
 
+    @property
+    def nbytes(self) -> int:
+        """How much memory the moments take."""
+        return self.mean.nbytes + self.covariance.nbytes
+
     def leading(self, dimension: int) -> Gaussian:
         """The marginal of the first ``dimension`` components: of the innovation, when that is its dimension."""
         return Gaussian(self.mean[:dimension], self.covariance[:dimension, :dimension])
