@@ -134,6 +134,18 @@ def _add_filter_options(command: argparse.ArgumentParser, default_particles: int
     command.add_argument("--seed", type=seed, default=0, metavar="S")
 
 
+def _add_noises(command: argparse.ArgumentParser) -> None:
+    """What the filter believes, as the sliders of the app have it."""
+    group = command.add_argument_group("what the filter believes, whatever the data is like")
+    for option, name, what in (
+        ("--system-noise", "system", "how much the state moves at random"),
+        ("--observation-noise", "observation", "how vague what it sees is"),
+        ("--proposal-width", "proposal", "how widely the detector scatters its proposals"),
+    ):
+        help_ = f"factor on {what} (default: 1)"
+        group.add_argument(option, dest=name, type=real_number(0.01, 100.0), default=1.0, metavar="X", help=help_)
+
+
 def _add_serve(commands: Any) -> None:
     serve = commands.add_parser("serve", help="open the app in the browser (the default command)")
     serve.add_argument("--host", default="127.0.0.1", help="address to listen on (default: this machine only)")
@@ -145,6 +157,7 @@ def _add_serve(commands: Any) -> None:
     _add_filter_options(serve, None)
     serve.add_argument("--no-browser", action="store_true", help="do not open a browser")
     _add_object(serve)
+    _add_noises(serve)
     _add_limits(serve, "limits on the video, and on those that visitors send")
 
 
@@ -155,6 +168,7 @@ def _add_toy(commands: Any) -> None:
     toy.add_argument("--steps", type=whole_number(1, 1_000_000), default=20, metavar="T")
     toy.add_argument("--repeat", type=whole_number(1, 1_000_000), default=1, metavar="R", help="seeds S, S+1, ...")
     toy.add_argument("--json", action="store_true", help="JSON Lines on stdout instead of a table")
+    _add_noises(toy)
 
 
 def _add_track(commands: Any) -> None:
@@ -167,6 +181,7 @@ def _add_track(commands: Any) -> None:
     track.add_argument("--json", action="store_true", help="JSON Lines on stdout, one a frame")
     track.add_argument("--force", action="store_true", help="replace files that exist")
     _add_object(track)
+    _add_noises(track)
     _add_limits(track, "limits on the file")
 
 

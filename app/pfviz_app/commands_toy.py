@@ -18,18 +18,18 @@ from pfviz.worlds import ToyModel, World, get_world
 def toy(options: argparse.Namespace) -> None:
     """Run the command and print its lines."""
     world = get_world(options.world)
+    model = world.model.with_noise(options.system, options.observation, options.proposal)
     for seed in range(options.seed, options.seed + options.repeat):
         extra = {"seed": seed} if options.repeat > 1 else {}
         if options.json:
-            print(json.dumps(_header(world, options, seed)))
+            print(json.dumps(_header(world, model, options, seed)))
         else:
             print(f"# {world.title}: {options.filter}, {options.particles} particles, seed {seed}")
-        for line in _lines(world, options, seed):
+        for line in _lines(world, model, options, seed):
             print(json.dumps(line | extra) if options.json else _readable(line), flush=False)
 
 
-def _header(world: World, options: argparse.Namespace, seed: int) -> dict[str, Any]:
-    model = world.model
+def _header(world: World, model: ToyModel, options: argparse.Namespace, seed: int) -> dict[str, Any]:
     covariance = model.observation_covariance
     return {
         "pfviz": _version(),
@@ -55,13 +55,13 @@ def _version() -> str:
         return "not installed"
 
 
-def _lines(world: World, options: argparse.Namespace, seed: int) -> Iterator[dict[str, Any]]:
+def _lines(world: World, model: ToyModel, options: argparse.Namespace, seed: int) -> Iterator[dict[str, Any]]:
     recording = world.record(seed, options.steps)
     filter_ = make_filter(options.filter, options.particles)
-    exact = _exact_steps(world.model, recording.observations)
-    records = run(filter_, world.model, recording.observations, seed)
+    exact = _exact_steps(model, recording.observations)
+    records = run(filter_, model, recording.observations, seed)
     for t, (record, truth, step) in enumerate(zip(records, recording.truth, exact, strict=True), start=1):
-        marginal = None if step is None else step.posterior.leading(world.model.dynamics.dimension)
+        marginal = None if step is None else step.posterior.leading(model.dynamics.dimension)
         yield {
             "t": t,
             "truth": truth.tolist(),

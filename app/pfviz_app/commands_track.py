@@ -50,6 +50,7 @@ def run_track(options: argparse.Namespace) -> None:
         assumed = assumptions_of(options)
         frames = options.start_frame, options.learn_frame
         model = learn_object(source, options.box, options.polygon, *frames, assumed)
+        model = model.with_noise(options.system, options.observation, options.proposal)
         interrupts = stack.enter_context(_interrupts())
         sinks = list(_sinks(stack, options, model, source))
         filter_ = assumed.looking(make_filter(options.filter, options.particles))

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
 
 TRACKER_COMPONENTS = "x", "y", "rotation", "log_scale"
 _ANCESTORS_BACK = 10
-_BUILT_IN = frozenset(WORLDS) | frozenset(FILTERS)
+BUILT_IN = frozenset(WORLDS) | frozenset(FILTERS)
 """Names that a script can count on: what ``pfviz.show`` adds is added later."""
 _NAMES = {
     "itertools": ("islice",),
@@ -178,20 +178,20 @@ def _heading(where: str, log: Sequence[Settings], elsewhere: str, names: Sequenc
     title = FILTERS[log[0].filter].title
     lines = [f'"""{title} on {where}, {len(log)} steps: what pfviz showed, done again."""', ""]
     for name in names:
-        if name not in _BUILT_IN:
+        if name not in BUILT_IN:
             lines += [
                 f"# {name!r} is not part of pfviz: define it here and put it into pfviz.WORLDS or pfviz.FILTERS.",
                 "",
             ]
-    changed = list(_changed(log, elsewhere))
+    changed = list(changes_in_words(log, elsewhere))
     if changed:
         lines += ["# Settings were changed during the run that was shown. This script keeps those of the first step."]
         lines += [f"#   from step {t}: {text}" for t, text in changed] + [""]
     return lines
 
 
-def _changed(log: Sequence[Settings], elsewhere: str) -> Iterator[tuple[int, str]]:
-    """What was changed and from which step on, in words."""
+def changes_in_words(log: Sequence[Settings], elsewhere: str) -> Iterator[tuple[int, str]]:
+    """What was changed and from which step on, in words; ``elsewhere`` is a setting that does not matter here."""
     segments = changes(log)
     for (_, before), (t, after) in pairwise(segments):
         for field in RUNNING:

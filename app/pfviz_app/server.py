@@ -193,7 +193,8 @@ def _wait_for_a_signal() -> None:
 def _settings(options: argparse.Namespace) -> Settings:
     settings = Settings().with_value("world", options.world).with_value("filter", options.filter)
     settings = settings.with_value("toy_particles", get_world(options.world).n_particles)
-    settings = settings.with_value("seed", options.seed)
+    for field in ("seed", "system", "observation", "proposal"):
+        settings = settings.with_value(field, getattr(options, field))
     if options.particles is not None:
         for field in ("toy_particles", "tracker_particles"):
             settings = settings.with_value(field, options.particles)

@@ -202,13 +202,4 @@ _CONTROLS = (
 GROUPS = ("", "Tune", "Look")
 
 
-def command_line(settings: Settings, t: int) -> str:
-    """The command that runs the toy's film on screen, with noises as they were drawn."""
-    s = settings
-    return (
-        f"pfviz toy --world {s.world} --filter {s.filter} --particles {s.toy_particles} "
-        f"--steps {max(t, 1)} --seed {s.seed} --json"
-    )
-
-
 CONTROLS: dict[str, Control] = {control.field: control for control in _CONTROLS}

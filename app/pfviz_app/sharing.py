@@ -12,10 +12,11 @@ from dataclasses import asdict
 
 import viser
 
+from pfviz_app.command_lines import commands_of
 from pfviz_app.commands import Ask, Command, Open
 from pfviz_app.exports import toy_script
 from pfviz_app.picture import Picture
-from pfviz_app.settings import SettingError, command_line
+from pfviz_app.settings import SettingError
 from pfviz_app.share import Shared, encode
 from pfviz_app.takeaways import TAKEAWAYS
 
@@ -74,8 +75,7 @@ class Sharing:
         log = picture.lane.log[: picture.t] or (picture.settings,)
         script = toy_script(log, picture.toy.film.held, picture.lane.plain)
         values = json.dumps(asdict(picture.settings) | {"t": picture.t}, indent=1)
-        command = command_line(picture.settings, picture.t)
-        texts = {"code": code, "command": command, "script": script, "JSON": values}
+        texts = {"code": code, "command": commands_of(picture), "script": script, "JSON": values}
         copies = (("link", code, True), *((label, text, False) for label, text in texts.items()))
         buttons = "".join(_copy_button(label, text, link) for label, text, link in copies)
         self._copies.content = f'<div style="padding:2px 12px 4px;font-size:12px">Copy {buttons}</div>'

@@ -162,3 +162,10 @@ def test_a_code_of_another_video_brings_back_the_rest_and_says_so(tmp_path):
     assert (there.t, there.settings, there.tracker.film.chosen_start) == (3, picture.settings, None)
     assert "the video disc" in there.message and "it is other.mp4" in there.message
     assert there.toy.trace[3].estimate == picture.toy.trace[3].estimate
+
+
+def test_what_the_filter_believes_is_what_visitors_begin_with(capfd):
+    settings = server._settings(parsed("serve", "--system-noise", 2, "--observation-noise", 0.5, "--proposal-width", 1.5))
+    assert settings.noises == {"system": 2.0, "observation": 0.5, "proposal": 1.5}
+    message = message_of(run_here(capfd, "serve", "--no-browser", "--system-noise", 50))
+    assert message == "System noise ×: expected 0.1 to 4, got 50.0"
