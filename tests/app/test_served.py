@@ -165,7 +165,9 @@ def test_a_code_of_another_video_brings_back_the_rest_and_says_so(tmp_path):
 
 
 def test_what_the_filter_believes_is_what_visitors_begin_with(capfd):
-    settings = server._settings(parsed("serve", "--system-noise", 2, "--observation-noise", 0.5, "--proposal-width", 1.5))
+    settings = server._settings(
+        parsed("serve", "--system-noise", 2, "--observation-noise", 0.5, "--proposal-width", 1.5)
+    )
     assert settings.noises == {"system": 2.0, "observation": 0.5, "proposal": 1.5}
     message = message_of(run_here(capfd, "serve", "--no-browser", "--system-noise", 50))
     assert message == "System noise ×: expected 0.1 to 4, got 50.0"
