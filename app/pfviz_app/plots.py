@@ -13,6 +13,7 @@ from viser import uplot
 
 from pfviz.genealogy import ancestor_counts
 from pfviz.particles import FloatArray, ParticleSet
+from pfviz_app.lane import Lane
 from pfviz_app.picture import Picture
 from pfviz_app.room import Room
 from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
@@ -132,20 +133,27 @@ class _Chart:
 # What is drawn
 
 
-def _lanes(picture: Picture) -> list[tuple[Any, bool]]:
+def _lanes(picture: Picture) -> list[tuple[Lane, bool]]:
     return [(picture.lane, False)] + ([(picture.rival, True)] if picture.rival else [])
+
+
+def _lines(
+    picture: Picture, palette: Palette, values: Callable[[Room[Any]], FloatArray], right: str = "y"
+) -> list[Line]:
+    """A curve for each room of each lane; those of the videos by the axis ``right``."""
+    lines = []
+    for lane, rival in _lanes(picture):
+        toy, video = (palette.rival, palette.rival) if rival else (palette.history, palette.posterior)
+        lines.append(Line(f"toy {rival}", values(lane.toy), toy))
+        lines.append(Line(f"video {rival}", values(lane.tracker), video, right, rival))
+    return lines
 
 
 def _over_time(
     picture: Picture, palette: Palette, values: Callable[[Room[Any]], FloatArray], right: str = "y"
 ) -> tuple[FloatArray, list[Line]]:
-    """A curve for each room of each lane."""
-    times, lines = np.arange(1.0, _reach(picture) + 1.0), []
-    for lane, rival in _lanes(picture):
-        toy, video = (_placed(room, values(room), len(times)) for room in lane.rooms)
-        lines.append(Line(f"toy {rival}", toy, palette.rival if rival else palette.history))
-        lines.append(Line(f"video {rival}", video, palette.rival if rival else palette.posterior, right, rival))
-    return times, lines
+    times = np.arange(1.0, _reach(picture) + 1.0)
+    return times, _lines(picture, palette, lambda room: _placed(room, values(room), len(times)), right)
 
 
 def _sizes(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
@@ -182,12 +190,10 @@ def _video_evidence(picture: Picture, palette: Palette) -> tuple[FloatArray, lis
 def _lorenz(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
     """What part of the weight the heaviest particles have; the diagonal is where all weigh the same."""
     shares = np.linspace(0.0, 100.0, 51)
-    lines = [Line("even", shares, palette.faint)]
-    for lane, rival in _lanes(picture):
-        for room, colour, dashed in ((lane.toy, palette.history, False), (lane.tracker, palette.posterior, rival)):
-            values = _weight_shares(room, picture.t, shares)
-            lines.append(Line(f"{id(room)}", values, palette.rival if rival else colour, dashed=dashed))
-    return shares, lines
+    return shares, [
+        Line("even", shares, palette.faint),
+        *_lines(picture, palette, lambda room: _weight_shares(room, picture.t, shares)),
+    ]
 
 
 def _weight_shares(room: Room[Any], t: int, shares: FloatArray) -> FloatArray:
@@ -201,15 +207,14 @@ def _weight_shares(room: Room[Any], t: int, shares: FloatArray) -> FloatArray:
 
 
 def _ancestors(picture: Picture, palette: Palette) -> tuple[FloatArray, list[Line]]:
-    back, lines = np.arange(0.0, _GENERATIONS + 1.0), []
-    for lane, rival in _lanes(picture):
-        for room, colour, dashed in ((lane.toy, palette.history, False), (lane.tracker, palette.posterior, rival)):
-            values = np.full(len(back), np.nan)
-            if room.trace.first <= picture.t <= room.trace.last and not picture.playing:
-                counts = ancestor_counts(room.trace, picture.t, _GENERATIONS)
-                values[: len(counts)] = counts
-            lines.append(Line(f"{id(room)}", values, palette.rival if rival else colour, dashed=dashed))
-    return back, lines
+    def values(room: Room[Any]) -> FloatArray:
+        line = np.full(_GENERATIONS + 1, np.nan)
+        if room.trace.first <= picture.t <= room.trace.last and not picture.playing:
+            counts = ancestor_counts(room.trace, picture.t, _GENERATIONS)
+            line[: len(counts)] = counts
+        return line
+
+    return np.arange(0.0, _GENERATIONS + 1.0), _lines(picture, palette, values)
 
 
 def _own(palette: Palette, rival: bool) -> Rgb:

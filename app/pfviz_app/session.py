@@ -9,11 +9,11 @@ import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -53,6 +53,7 @@ from pfviz_app.shelf import Shelf
 from pfviz_app.turns import Turns
 
 log = logging.getLogger(__name__)
+T = TypeVar("T")
 
 _PROGRESS_PERIOD = 0.25
 _TURNS = Turns(2)
@@ -276,15 +277,22 @@ class Session:
             self._rival, self._t = rival, min(self._t, rival.last)
 
     def _run(self, lane: Lane, script: Sequence[Settings]) -> None:
-        """Steps under these settings; shows how far it is, and stops when something else is asked for."""
-        for done, settings in enumerate(script):
-            if self._interrupted():
-                self._message = f"Interrupted at step {done} of {len(script)}."
-                break
+        """Steps under these settings."""
+        for settings in self._until_interrupted(script):
             lane.configure(settings)
             lane.step()
-            self._show_progress(done / len(script))
-        self._progress = None
+
+    def _until_interrupted(self, steps: Sequence[T]) -> Iterator[T]:
+        """One after the other; shows how far it is, and stops when something else is asked for."""
+        try:
+            for done, step in enumerate(steps):
+                if self._interrupted():
+                    self._message = f"Interrupted at step {done} of {len(steps)}."
+                    break
+                yield step
+                self._show_progress((done + 1) / len(steps))
+        finally:
+            self._progress = None
 
     def _show_progress(self, share: float) -> None:
         if time.monotonic() - self._drawn_at > _PROGRESS_PERIOD:
@@ -492,16 +500,11 @@ class Session:
     def _catch_up(self, shared: Shared) -> None:
         """Run all lanes to the time that was shared."""
         try:
-            for t in range(1, shared.t + 1):
-                if self._interrupted():
-                    self._message = f"Interrupted at step {self._t} of {shared.t}."
-                    break
+            for t in self._until_interrupted(range(1, shared.t + 1)):
                 self._configure(shared, t)
                 if not self._advance():
                     break
-                self._show_progress(t / shared.t)
         finally:
-            self._progress = None
             self._configure(shared, self._t + 1)
             self._lane.configure(self._settings)
         if self._t == shared.t and self._t and shared.stage is not None:
