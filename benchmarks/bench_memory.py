@@ -21,7 +21,8 @@ from _timing import machine
 from bench_app import _CAMERA
 from pfviz_app.commands import Play, Reset
 from pfviz_app.picture import Picture
-from pfviz_app.server import App, prepare_video
+from pfviz_app.served import prepare_video
+from pfviz_app.server import App
 from pfviz_app.session import Session
 from pfviz_app.settings import Settings
 

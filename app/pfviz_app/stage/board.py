@@ -22,7 +22,7 @@ from pfviz_app.stage.palette import Colours, Rgb, blend
 _THICKNESSES = (1.0, 1.8, 3.0)
 _SIZES = (0.5, 0.85, 1.3)
 _TEXT_DEPTH = 30.0
-_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 85)
+_JPEG = (cv2.IMWRITE_JPEG_QUALITY, 90)
 Anchor = Literal["left", "centre", "right"]
 
 
@@ -57,11 +57,8 @@ class Board:
     ) -> None:
         """Straight lines: ``points (n, 2, 2 or 3)`` in pixels; ``colours`` one for all or ``(n, 3)``."""
         placed = _placed(points, depth)
-        if not len(placed):
-            return
-        colour = np.broadcast_to(_for_lines(colours).reshape(-1, 1, 3), (len(placed), 2, 3))
-        colours = np.ascontiguousarray(colour)
-        self._put(name, Mark("lines", {"points": placed, "colors": colours, "thickness": thickness}))
+        if len(placed):
+            self._put(name, _lines(placed, _for_lines(colours), thickness))
 
     def polyline(
         self,
@@ -89,23 +86,20 @@ class Board:
         A strength of 0 has the colour ``weakest``, by default one close to the background.
         """
         weakest = self._pale(colour, 0.12) if weakest is None else weakest
-        points, strength = np.asarray(points, dtype=float), np.asarray(strengths, dtype=float)
-        bins = _bin(strength, len(_THICKNESSES))
+        placed, strength = _placed(points, depth), np.asarray(strengths, dtype=float)
+        colours, bins = _for_lines(blend(weakest, colour, strength)), _bin(strength, len(_THICKNESSES))
         for i, thickness in enumerate(_THICKNESSES):
             chosen = bins == i
             if chosen.any():
-                colours = blend(weakest, colour, strength[chosen])
-                self.segments(f"{name}/{i}", points[chosen], colours, thickness, depth + i)
+                self._put(f"{name}/{i}", _lines(_nearer(placed[chosen], i), colours[chosen], thickness))
 
     def points(
         self, name: str, points: ArrayLike, colours: Colours | Rgb, size: float = 8.0, depth: float = 0.0
     ) -> None:
         """Discs of diameter ``size``: ``points (n, 2 or 3)``; ``colours`` one for all or ``(n, 3)``."""
         placed = _placed(points, depth)
-        if not len(placed):
-            return
-        colours = np.ascontiguousarray(np.broadcast_to(np.asarray(colours, dtype=np.uint8), placed.shape))
-        self._put(name, Mark("points", {"points": placed, "colors": colours, "point_size": size / 2.0}))
+        if len(placed):
+            self._put(name, _discs(placed, np.asarray(colours, dtype=np.uint8), size))
 
     def weighted_points(
         self,
@@ -122,13 +116,12 @@ class Board:
         A strength of 0 has the colour ``weakest``, by default one close to the background.
         """
         weakest = self._pale(colour, 0.25) if weakest is None else weakest
-        points, strength = np.asarray(points, dtype=float), np.asarray(strengths, dtype=float)
-        bins = _bin(strength, len(_SIZES))
+        placed, strength = _placed(points, depth), np.asarray(strengths, dtype=float)
+        colours, bins = blend(weakest, colour, strength), _bin(strength, len(_SIZES))
         for i, factor in enumerate(_SIZES):
             chosen = bins == i
             if chosen.any():
-                colours = blend(weakest, colour, strength[chosen])
-                self.points(f"{name}/{i}", points[chosen], colours, size * factor, depth + i)
+                self._put(f"{name}/{i}", _discs(_nearer(placed[chosen], i), colours[chosen], size * factor))
 
     def text(
         self,
@@ -178,6 +171,25 @@ def _rule(left: float, right: float, y: float, colour: Rgb, depth: float) -> Mar
     board = Board(colour)
     board.segments("rule", [[[left, y], [right, y]]], colour, 1.0, depth)
     return board.finish(None, None).marks["rule"]
+
+
+def _lines(placed: NDArray[np.float32], colours: Colours, thickness: float) -> Mark:
+    """Segments ``(n, 2, 3)``, each of one colour, in linear light: one for all or ``(n, 3)``."""
+    ends = np.empty(placed.shape, np.uint8)
+    ends[:] = colours.reshape(-1, 1, 3)
+    return Mark("lines", {"points": placed, "colors": ends, "thickness": thickness})
+
+
+def _discs(placed: NDArray[np.float32], colours: Colours, size: float) -> Mark:
+    """Discs at ``(n, 3)``; one colour for all or ``(n, 3)``."""
+    each = np.empty(placed.shape, np.uint8)
+    each[:] = colours
+    return Mark("points", {"points": placed, "colors": each, "point_size": size / 2.0})
+
+
+def _nearer(placed: NDArray[np.float32], by: float) -> NDArray[np.float32]:
+    placed[..., 2] += by
+    return placed
 
 
 def _image(image: NDArray[np.uint8], rect: Rect, depth: float) -> Mark:

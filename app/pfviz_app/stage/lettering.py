@@ -46,6 +46,7 @@ def lettered(text: str, size: float, colour: Rgb, bold: bool = False) -> tuple[N
     return picture, width / _DENSITY, height / _DENSITY
 
 
+@lru_cache(maxsize=256)
 def fitted(text: str, size: float, width: float, bold: bool = False) -> str:
     """``text``, cut with an ellipsis where it would be wider than ``width`` pixels."""
     font = _font(size, bold)

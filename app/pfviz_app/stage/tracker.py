@@ -19,7 +19,7 @@ from pfviz_app.stage.ancestors import generations, line_of
 from pfviz_app.stage.board import Board, arrow_heads
 from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.links import sample_evenly
-from pfviz_app.stage.palette import LIGHT, Palette
+from pfviz_app.stage.palette import LIGHT, Palette, Rgb
 from pfviz_app.stage.seen import After, Seen
 
 _CONTOURS = 14
@@ -117,11 +117,7 @@ class TrackerStage:
         target = below.fitted(aspect)
         reach = 0.9 * max(estimate.box[2], estimate.box[3] * aspect, 16.0)
         part = Rect(estimate.x - reach, estimate.y - reach / aspect, 2 * reach, 2 * reach / aspect)
-        size = (_CLOSE_UP_PIXELS, round(_CLOSE_UP_PIXELS / aspect))
-        zoom = _CLOSE_UP_PIXELS / part.width
-        placing = np.array([[zoom, 0.0, -part.x * zoom], [0.0, zoom, -part.y * zoom]])
-        crop = cv2.warpAffine(image, placing, size, flags=cv2.INTER_LINEAR, borderValue=palette.background[::-1])
-        self._board.image("tracker/close", crop.astype(np.uint8, copy=False), target)
+        self._board.image("tracker/close", _cut_out(image, part, palette.background), target)
         return Window(target, part)
 
     def _border(self, close: Window, whole: Window, palette: Palette) -> None:
@@ -282,3 +278,13 @@ def _shrunk(image: Image) -> Image:
     if shrink == 1.0:
         return image
     return cv2.resize(image, None, fx=shrink, fy=shrink, interpolation=cv2.INTER_AREA).astype(np.uint8, copy=False)
+
+
+def _cut_out(image: Image, part: Rect, outside: Rgb) -> Image:
+    """A part of the frame, at most twice as large: the page smooths what is larger still."""
+    zoom = min(_CLOSE_UP_PIXELS / part.width, 2.0)
+    width, height = max(round(part.width * zoom), 1), max(round(part.height * zoom), 1)
+    across, down = width / part.width, height / part.height
+    placing = np.array([[across, 0.0, -part.x * across - 0.5], [0.0, down, -part.y * down - 0.5]])
+    cut = cv2.warpAffine(image, placing, (width, height), flags=cv2.INTER_LINEAR, borderValue=outside[::-1])
+    return cut.astype(np.uint8, copy=False)
