@@ -78,6 +78,7 @@ class Controls:
     def close(self) -> None:
         """The visitor has left."""
         self._laboratory.close()
+        self._sharing.close()
         self._video.close()
 
     def show(self, picture: Picture) -> None:

@@ -12,13 +12,14 @@ from dataclasses import asdict
 
 import viser
 
+from pfviz_app.background import Background, Tell
 from pfviz_app.command_lines import commands_of
 from pfviz_app.commands import Ask, Command, Open
 from pfviz_app.exports import toy_script
 from pfviz_app.picture import Picture
 from pfviz_app.settings import SettingError
 from pfviz_app.share import Shared, encode
-from pfviz_app.takeaways import TAKEAWAYS
+from pfviz_app.takeaways import SLOW_TAKEAWAYS, TAKEAWAYS
 
 _KEPT = "pfviz-link-"
 _WAITS = (0.2, 0.5, 1.0, 2.0, 4.0)
@@ -53,8 +54,10 @@ class Sharing:
             self._code = gui.add_text("Code", "", hint="Brings back exactly this")
             opening = gui.add_button("Open this code", color="gray")
             self._copies = gui.add_html("")
-            self._what = gui.add_dropdown("Take away", tuple(TAKEAWAYS))
+            self._what = gui.add_dropdown("Take away", (*TAKEAWAYS, *SLOW_TAKEAWAYS))
             taking = gui.add_button("⤓ Download", color="gray")
+            cancelling = gui.add_button("■ Cancel what is being made", color="gray", visible=False)
+        self._background = Background(client, lambda busy: setattr(cancelling, "visible", busy))
 
         @opening.on_click
         async def _(_: object) -> None:
@@ -64,7 +67,15 @@ class Sharing:
         async def _(_: object) -> None:
             post(Ask(self._take))
 
+        @cancelling.on_click
+        async def _(_: object) -> None:
+            self._background.cancel()
+
         threading.Thread(target=_follow_link, args=(client, post), name="pfviz-link", daemon=True).start()
+
+    def close(self) -> None:
+        """The visitor has left."""
+        self._background.cancel()
 
     def show(self, picture: Picture) -> None:
         """The share code of what is on screen, unless the film runs."""
@@ -81,7 +92,10 @@ class Sharing:
         self._copies.content = f'<div style="padding:2px 12px 4px;font-size:12px">Copy {buttons}</div>'
 
     def _take(self, picture: Picture) -> None:
-        """Send the file that is chosen; runs where the picture may be looked at."""
+        """Send the file that is chosen, or begin to make it; runs where the picture may be looked at."""
+        if self._what.value in SLOW_TAKEAWAYS:
+            self._take_slowly(*SLOW_TAKEAWAYS[self._what.value], picture)
+            return
         name, make = TAKEAWAYS[self._what.value]
         waiting = self._client.add_notification("Making it …", name, loading=True, with_close_button=False)
         try:
@@ -90,6 +104,12 @@ class Sharing:
             raise SettingError(str(error)) from None
         finally:
             waiting.remove()
+
+    def _take_slowly(self, name: str, maker: Callable[[Picture], Callable[[Tell], bytes]], picture: Picture) -> None:
+        try:
+            self._background.begin(name, maker(picture))
+        except ValueError as error:
+            raise SettingError(str(error)) from None
 
 
 def _copy_button(label: str, text: str, link: bool = False) -> str:

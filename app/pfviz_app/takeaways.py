@@ -10,6 +10,7 @@ from pathlib import Path
 from pfviz.figures import render
 from pfviz.filters import FILTERS
 from pfviz_app import exports
+from pfviz_app.background import Tell
 from pfviz_app.picture import Picture
 
 
@@ -72,11 +73,20 @@ def _steps(room: str, picture: Picture) -> bytes:
     return "".join(exports.summary_csv(getattr(picture, room))).encode()
 
 
-def _video(picture: Picture) -> bytes:
-    with tempfile.TemporaryDirectory(prefix="pfviz-") as folder:
-        path = Path(folder) / "pfviz.mp4"
-        exports.write_video(picture.tracker, path)
-        return path.read_bytes()
+def _video(picture: Picture) -> Callable[[Tell], bytes]:
+    """What makes the video of all that is recorded now, whatever becomes of the picture's rooms."""
+    recorded = picture.tracker.trace
+    if not len(recorded):
+        raise ValueError("There is nothing to take yet: take a step first.")
+    room = picture.tracker.fork(recorded.last)
+
+    def make(tell: Tell) -> bytes:
+        with tempfile.TemporaryDirectory(prefix="pfviz-") as folder:
+            path = Path(folder) / "pfviz.mp4"
+            exports.write_video(room, path, tell)
+            return path.read_bytes()
+
+    return make
 
 
 def _need_a_step(picture: Picture) -> None:
@@ -102,9 +112,16 @@ TAKEAWAYS: dict[str, tuple[str, Callable[[Picture], bytes]]] = {
     "All weights of the video, CSV": ("pfviz-video-weights.csv", partial(_weights, "tracker")),
     "Steps of the toy, CSV": ("pfviz-toy-steps.csv", partial(_steps, "toy")),
     "Steps of the video, CSV": ("pfviz-video-steps.csv", partial(_steps, "tracker")),
-    "Annotated video, MP4": ("pfviz.mp4", _video),
 }
 """By what is offered: the name of the file, and its content for a picture.
+
+Raises:
+    ValueError: in words for the visitor, where there is nothing to take.
+"""
+SLOW_TAKEAWAYS: dict[str, tuple[str, Callable[[Picture], Callable[[Tell], bytes]]]] = {
+    "Annotated video, MP4": ("pfviz.mp4", _video),
+}
+"""The same of what takes long: for a picture, what makes the content in any thread, telling how far it is.
 
 Raises:
     ValueError: in words for the visitor, where there is nothing to take.

@@ -7,9 +7,9 @@ import json
 import cv2
 import numpy as np
 import pytest
-from pfviz_app.commands import Keep, Set, Step
+from pfviz_app.commands import Keep, Seek, Set, Step
 from pfviz_app.settings import Settings
-from pfviz_app.takeaways import TAKEAWAYS
+from pfviz_app.takeaways import SLOW_TAKEAWAYS, TAKEAWAYS
 from stand_ins import Visit
 
 FEW = Settings(toy_particles=12, tracker_particles=15)
@@ -24,7 +24,7 @@ def picture():
 
 
 @pytest.mark.parametrize("title", [title for title in TAKEAWAYS if title != "Python script, video"])
-def test_every_file_is_what_its_name_says(picture, title, tmp_path):
+def test_every_file_is_what_its_name_says(picture, title):
     name, make = TAKEAWAYS[title]
     content = make(picture)
     match name.rsplit(".")[-1]:
@@ -41,17 +41,24 @@ def test_every_file_is_what_its_name_says(picture, title, tmp_path):
         case "csv":
             rows = np.genfromtxt(io.BytesIO(content), delimiter=",", names=True, dtype=None, encoding="utf-8")
             assert set(rows["t"]) == set(range(1, picture.last + 1))
-        case "mp4":
-            path = tmp_path / name
-            path.write_bytes(content)
-            video = cv2.VideoCapture(str(path))
-            assert video.get(cv2.CAP_PROP_FRAME_COUNT) == picture.last
+
+
+@pytest.mark.parametrize("title", SLOW_TAKEAWAYS)
+def test_what_takes_long_is_of_what_was_recorded_when_it_was_asked_for(title, tmp_path):
+    told, (name, maker) = [], SLOW_TAKEAWAYS[title]
+    with Visit(FEW) as visit:
+        make = maker(visit.do(Step(5)))
+        assert visit.do(Seek(2), Set("system", 2.0)).last == 2
+        content = make(told.append)
+    (tmp_path / name).write_bytes(content)
+    assert cv2.VideoCapture(str(tmp_path / name)).get(cv2.CAP_PROP_FRAME_COUNT) == 5
+    assert told == pytest.approx([0.2, 0.4, 0.6, 0.8, 1.0])
 
 
 def test_what_is_not_there_yet_is_said():
     with Visit(FEW) as visit:
         start = visit.settled()
-        for title, (name, make) in TAKEAWAYS.items():
+        for title, (name, make) in (TAKEAWAYS | SLOW_TAKEAWAYS).items():
             if "script" in title or name.endswith("json"):
                 continue
             with pytest.raises(ValueError, match="step first"):
