@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from pfviz.vision.colour import ColourRatio, GaussianColours, decode, encode
+from pfviz.vision.colour import ColourRatio, GaussianColours, colour_indices, decode, encode
 
 RED, GREY, BLUE = (40, 40, 200), (128, 128, 128), (200, 60, 30)
 
@@ -66,3 +66,10 @@ def test_codes_come_back_as_they_went_and_are_cut_off():
     values = np.linspace(-2, 2, 41)
     np.testing.assert_allclose(decode(encode(values)), values, atol=0.5 / 60)
     assert decode(encode(np.array([-9.0, 0.0, 9.0]))) == pytest.approx([-2.0, 0.0, 2.0])
+
+
+def test_colours_are_indexed_by_five_bits_of_each_channel():
+    image = np.random.default_rng(0).integers(0, 256, (9, 7, 3)).astype(np.uint8)
+    blue, green, red = (image.astype(int) // 8).transpose(2, 0, 1)
+    np.testing.assert_array_equal(colour_indices(image), 1024 * blue + 32 * green + red)
+    np.testing.assert_array_equal(colour_indices(image[:, ::2]), colour_indices(image)[:, ::2])

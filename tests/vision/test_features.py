@@ -84,3 +84,15 @@ def test_the_working_image_is_the_mean_of_the_pixels():
     means = image.reshape(20, 2, 30, 2, 3).mean(axis=(1, 3))
     np.testing.assert_allclose(working_image(image, 0.5), means, atol=1.0)
     assert working_image(image, 1.0) is image
+
+
+def test_edges_are_those_of_canny_on_both_channels():
+    """OpenCV takes three channels or one; with the ratio twice it does the choosing itself."""
+    rng = np.random.default_rng(3)
+    grey, ratio = (cv2.blur(rng.integers(0, 256, (60, 80)).astype(np.uint8), (5, 5)) for _ in range(2))
+    channels = cv2.GaussianBlur(cv2.merge([grey, ratio, ratio]), (0, 0), 1.0)
+    dx, dy = cv2.Sobel(channels, cv2.CV_16S, 1, 0), cv2.Sobel(channels, cv2.CV_16S, 0, 1)
+    for threshold in (60.0, 120.0):
+        expected = cv2.Canny(dx, dy, 0.4 * threshold, threshold, L2gradient=True)
+        assert expected.any()
+        np.testing.assert_array_equal(find_edges(grey, ratio, threshold), expected)

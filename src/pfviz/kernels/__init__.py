@@ -29,6 +29,7 @@ from pfviz.kernels.contours import (
     scan_contours_numpy,
     scan_offsets_numpy,
 )
+from pfviz.kernels.gradients import steepest, steepest_numpy
 from pfviz.kernels.histories import (
     Precision,
     log_mixture_density,
@@ -83,6 +84,8 @@ __all__ = [
     "scan_contours_numpy",
     "scan_offsets_numpy",
     "standard_normals_numpy",
+    "steepest",
+    "steepest_numpy",
     "systematic_ancestors",
     "systematic_ancestors_numpy",
     "use_numpy",

@@ -21,7 +21,8 @@ from numba.extending import overload
 
 FAST = {"reassoc", "contract", "nsz", "arcp"}
 
-f4, f8, i8, u1, u8 = types.float32, types.float64, types.int64, types.uint8, types.uint64
+f4, f8, i2, i8 = types.float32, types.float64, types.int16, types.int64
+u1, u8 = types.uint8, types.uint64
 
 
 def _in(dtype: types.Type, ndim: int) -> types.Array:
@@ -206,19 +207,19 @@ def _draw(base, slopes, v, peak, sums, lanes, target):
 
 
 @helper
-def _peak(base, slopes, v, largest):
-    """The largest base_l + slopes_l v over the first two coordinates; ``largest (LANES,)`` is overwritten."""
+def _peak(base, slopes, v, lanes):
+    """The largest base_l + slopes_l v over the first two coordinates."""
     x, y = slopes[0], slopes[1]
     a, b = v[0], v[1]
-    largest[:] = -np.inf
-    for k in range(len(base) // LANES):
-        w = base[k * LANES : (k + 1) * LANES]
-        p = x[k * LANES : (k + 1) * LANES]
-        q = y[k * LANES : (k + 1) * LANES]
+    lanes[:] = -np.inf
+    for k in range(0, len(base), LANES):
+        w = base[k : k + LANES]
+        p = x[k : k + LANES]
+        q = y[k : k + LANES]
         for l in range(LANES):
             t = w[l] + (p[l] * a + q[l] * b)
-            largest[l] = t if t > largest[l] else largest[l]
-    return largest.max()
+            lanes[l] = t if t > lanes[l] else lanes[l]
+    return lanes.max()
 
 
 @helper
@@ -269,35 +270,48 @@ def group_rows(innovations, order, starts):
 
 
 @helper
+def _largest(values, lanes):
+    """The largest of ``values (L,)``, in lanes, because a plain loop is not vectorised."""
+    whole = len(values) // LANES * LANES
+    lanes[:] = -np.inf
+    for k in range(0, whole, LANES):
+        part = values[k : k + LANES]
+        for l in range(LANES):
+            lanes[l] = part[l] if part[l] > lanes[l] else lanes[l]
+    for i in range(whole, len(values)):
+        lanes[0] = values[i] if values[i] > lanes[0] else lanes[0]
+    return lanes.max()
+
+
+@helper
 def _bound(z, base, centre, upper, lower):
-    """Bounds of base_l - |z_l - u|^2 for u in the cell about ``centre``; returns the largest lower one."""
+    """Fill bounds of base_l - |z_l - u|^2 for all u in the cell about ``centre``.
+
+    With u = c + v the square is |z - c|^2 - 2 (z - c) v + |v|^2, and no component of v is larger than half a side.
+    """
+    x, y = z[0], z[1]
+    a, b = centre[0], centre[1]
     for l in range(len(base)):
-        upper[l] = base[l]
-        lower[l] = base[l]
-    for j in range(len(centre)):
-        x, c = z[j], centre[j]
+        p, q = x[l] - a, y[l] - b
+        level, slack = base[l] - (p * p + q * q), CELL * (abs(p) + abs(q))
+        upper[l] = level + slack
+        lower[l] = level - slack
+    for j in range(2, len(centre)):
+        x, a = z[j], centre[j]
         for l in range(len(base)):
-            away = abs(x[l] - c)
-            near = max(away - 0.5 * CELL, 0.0)
-            far = away + 0.5 * CELL
-            upper[l] -= near * near
-            lower[l] -= far * far
-    best = -np.inf
-    for l in range(len(base)):
-        best = lower[l] if lower[l] > best else best
-    return best
+            p = x[l] - a
+            upper[l] += CELL * abs(p) - p * p
+            lower[l] -= CELL * abs(p) + p * p
 
 
 @helper
 def _keep(upper, lowest, kept):
-    """The histories whose bound is not below ``lowest``, in order; how many, and the highest bound."""
+    """Fill ``kept`` with the histories whose bound is not below ``lowest``, in order; returns how many there are."""
     count = 0
-    highest = -np.inf
     for l in range(len(upper)):
         kept[count] = l
         count += upper[l] >= lowest
-        highest = upper[l] if upper[l] > highest else highest
-    return count, highest
+    return count
 
 
 @helper
@@ -377,7 +391,7 @@ def sample_groups(z, base, innovations, uniforms, order, starts, cutoff, toleran
     out, and coordinates are relative to its centre. A row does not depend on what other rows there are.
 
     Args:
-        z: ``(d, L)``.
+        z: ``(d, L)``, d >= 2.
         base: ``(L,)``.
         innovations: ``(d, M)``.
         uniforms: ``(M,)``, or empty for no draws.
@@ -388,7 +402,7 @@ def sample_groups(z, base, innovations, uniforms, order, starts, cutoff, toleran
         ancestors: ``(M,)``, the draws; -1 where a row is lost.
     """
     d, count = z.shape
-    near = np.zeros((max(d, 2) + 1, count))  # of one coordinate a second is made, which is zero
+    near = np.empty((d + 1, count))
     room = len(near) * (count + BLOCK)
     single, double = np.empty(room, dtype=np.float32), np.empty(room)
     upper, lower = np.empty(count), np.empty(count)
@@ -398,14 +412,15 @@ def sample_groups(z, base, innovations, uniforms, order, starts, cutoff, toleran
         rows = order[starts[k] : starts[k + 1]]
         for j in range(d):
             centre[j] = np.rint(innovations[j, rows[0]] * _PER_CELL) * CELL
-        lowest = _bound(z, base, centre, upper, lower)
+        _bound(z, base, centre, upper, lower)
+        largest_square = 0.25 * CELL * CELL * len(centre)
+        lowest, highest = _largest(lower, lanes) - largest_square, _largest(upper, lanes)
         if not lowest > -np.inf:
             for i in rows:
                 logs[i], ancestors[i] = -np.inf, -1
             continue
-        remaining, highest = _keep(upper, lowest - cutoff, kept)
+        remaining = _keep(upper, lowest - cutoff, kept)
         far = highest - lowest > _PLAIN_RANGE
-        highest += math.ceil(0.25 * CELL * CELL * d)  # at least |v|^2, so that no power is positive
         error = _expand(z, base, centre, highest, kept[:remaining], near)
         if error <= tolerance:
             laid = _in_lanes(near, remaining, single)
@@ -480,8 +495,29 @@ def scan_contours(padded, margin, transforms, points, normals, cost, log_likelih
         log_likelihood[n] = total
 
 
+# --- gradients
+# ------------------------------------------------------------------------------------------------------------
+
+
+@kernel(types.void(_in(i2, 3), _in(i2, 3), _out(i2, 2), _out(i2, 2)))
+def steepest(dx, dy, across, down):
+    """Of two channels the gradient that is longer; of equal ones, the first."""
+    height, width = across.shape
+    for r in range(height):
+        p, q = dx[r].reshape(2 * width), dy[r].reshape(2 * width)
+        to_p, to_q = across[r], down[r]
+        for c in range(width):
+            p0, p1 = np.int32(p[2 * c]), np.int32(p[2 * c + 1])
+            q0, q1 = np.int32(q[2 * c]), np.int32(q[2 * c + 1])
+            second = np.uint32(p1 * p1 + q1 * q1) > np.uint32(p0 * p0 + q0 * q0)
+            to_p[c] = p1 if second else p0
+            to_q[c] = q1 if second else q0
+
+
 # --- regions of an image
 # ------------------------------------------------------------------------------------------------------
+
+PARTICLES_ABREAST = 32
 
 
 @njit(error_model="numpy")
@@ -496,17 +532,43 @@ def _pixel(transform, x, y, width, height):
     return np.uint64(np.int64(v) * width + np.int64(u))
 
 
+@njit(error_model="numpy")
+def _pixels_abreast(t, x, y, width, height, found):
+    """Fill ``found`` with the ``_pixel`` of one point for several particles with the transforms ``t (6, ...)``."""
+    a, b, c, d, e, f = t[0], t[1], t[2], t[3], t[4], t[5]
+    for i in range(PARTICLES_ABREAST):
+        u = a[i] * x + b[i] * y + c[i]
+        v = d[i] * x + e[i] * y + f[i]
+        u = u if u > 0.0 else 0.0
+        v = v if v > 0.0 else 0.0
+        u = u if u < width - 1.0 else width - 1.0
+        v = v if v < height - 1.0 else height - 1.0
+        found[i] = np.int64(v) * width + np.int64(u)
+
+
 @kernel(types.void(_in(u1, 2), _in(f8, 3), _in(f8, 2), _in(f8, 1), _out(f8, 1)))
 def weighted_sums(image, transforms, points, weights, sums):
-    """For each transform the sum of the pixels under ``points (M, 2)``, each times its weight."""
+    """For each transform the sum of the pixels under ``points (M, 2)``, each times its weight.
+
+    Several particles abreast: each one's sum is taken in the order of the points, and none waits for another.
+    """
     height, width = image.shape
     pixels = image.reshape(width * height)
-    for n in range(len(transforms)):
-        transform = transforms[n]
-        total = 0.0
+    count = len(transforms)
+    t, found = np.zeros((6, PARTICLES_ABREAST)), np.empty(PARTICLES_ABREAST, dtype=np.int64)
+    totals = np.empty(PARTICLES_ABREAST)
+    for start in range(0, count, PARTICLES_ABREAST):
+        abreast = min(PARTICLES_ABREAST, count - start)
+        for i in range(abreast):
+            for k in range(6):
+                t[k, i] = transforms[start + i, k // 3, k % 3]
+        totals[:] = 0.0
         for j in range(len(points)):
-            total += weights[j] * pixels[_pixel(transform, points[j, 0], points[j, 1], width, height)]
-        sums[n] = total
+            _pixels_abreast(t, points[j, 0], points[j, 1], width, height, found)
+            for i in range(PARTICLES_ABREAST):
+                totals[i] += weights[j] * pixels[np.uint64(found[i])]
+        for i in range(abreast):
+            sums[start + i] = totals[i]
 
 
 @kernel(types.void(_in(u1, 2), _in(f8, 3), _in(f8, 2), _in(i8, 1), _in(f8, 2), _out(f8, 1)), fastmath=FAST)

@@ -257,7 +257,8 @@ def _sample_compiled(
 ) -> tuple[FloatArray, IntArray]:
     """By the compiled kernel, cell by cell; the rows whose logarithms overflow by the twin."""
     count = problem.count
-    innovations, histories, base = frozen(problem.innovations), frozen(problem.histories), frozen(problem.base)
+    innovations, histories = _in_two(problem.innovations), _in_two(problem.histories)
+    base = frozen(problem.base)
     order, starts = np.empty(count, dtype=np.int64), np.empty(count + 1, dtype=np.int64)
     starts = starts[: kernels.group_rows(innovations, order, starts) + 1]
     logs, ancestors = np.empty(count), np.zeros(count, dtype=np.int64)
@@ -274,6 +275,11 @@ def _sample_compiled(
         wanted = uniforms[lost] if len(uniforms) else uniforms
         log_mixture[lost], ancestors[lost] = _sample_numpy(problem.rows(lost), wanted)
     return log_mixture, ancestors
+
+
+def _in_two(columns: FloatArray) -> FloatArray:
+    """The ``columns (d, L)``, with a second coordinate of zero where there is only one."""
+    return frozen(columns if len(columns) > 1 else np.concatenate([columns, np.zeros_like(columns)]))
 
 
 def _in_threads(run: Callable[[slice], None], starts: IntArray, threads: int) -> None:

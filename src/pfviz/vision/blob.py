@@ -8,6 +8,7 @@ the density is piecewise constant and known exactly.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -194,11 +195,15 @@ class BlobDetector:
         broad = response**self.sharpness
         if not self.peak_power:
             return broad
-        own, own_relative = self.reference
-        blunting = np.sum(own**self.sharpness) / np.sum(own**self.sharpness * own_relative**self.peak_power)
-        return broad * (1.0 - self.sharp_share + self.sharp_share * blunting * relative**self.peak_power)
+        return broad * (1.0 - self.sharp_share + self.sharp_share * self._blunting * relative**self.peak_power)
 
-    @property
+    @cached_property
+    def _blunting(self) -> float:
+        """What the reference weighs in broad peaks, over what it weighs in sharp ones."""
+        own, own_relative = self.reference
+        return np.sum(own**self.sharpness) / np.sum(own**self.sharpness * own_relative**self.peak_power)
+
+    @cached_property
     def _one_object(self) -> float:
         return max(float(np.sum(self._mass(*self.reference))), 1e-6)
 

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from pfviz.kernels import NO_BIN, EdgeMap, pad_edges
+from pfviz.kernels import NO_BIN, EdgeMap, pad_edges, steepest
 from pfviz.particles import FloatArray
 from pfviz.vision.blob import BlobDetector, GridProposal
 from pfviz.vision.colour import CODE_ZERO, ColourRatio, colour_indices, hsv_bins
@@ -117,7 +117,7 @@ def working_image(image: Image, scale: float) -> Image:
 
 def find_edges(grey: NDArray[np.uint8], ratio: NDArray[np.uint8], threshold: float) -> NDArray[np.uint8]:
     """``(h, w)``: 255 on Canny's edges of lightness and of the colour ratio, whichever is stronger."""
-    dx, dy = _gradients(grey, ratio)
+    dx, dy = steepest(*_gradients(grey, ratio))
     return np.asarray(cv2.Canny(dx, dy, _HYSTERESIS * threshold, threshold, L2gradient=True), dtype=np.uint8)
 
 
@@ -134,8 +134,8 @@ def learn_edge_threshold(
 
 
 def _gradients(grey: NDArray[np.uint8], ratio: NDArray[np.uint8]) -> tuple[NDArray[np.int16], NDArray[np.int16]]:
-    """``(h, w, 3)`` each: the horizontal and vertical derivatives of blurred lightness and colour ratio."""
-    channels = cv2.GaussianBlur(cv2.merge([grey, ratio, ratio]), (0, 0), _BLUR)
+    """``(h, w, 2)`` each: the horizontal and vertical derivatives of blurred lightness and colour ratio."""
+    channels = cv2.GaussianBlur(cv2.merge([grey, ratio]), (0, 0), _BLUR)
     dx = cv2.Sobel(channels, cv2.CV_16S, 1, 0)
     dy = cv2.Sobel(channels, cv2.CV_16S, 0, 1)
     return np.asarray(dx, dtype=np.int16), np.asarray(dy, dtype=np.int16)
