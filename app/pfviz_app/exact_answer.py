@@ -59,8 +59,8 @@ class ExactAnswer:
     def rewind(self, t: int) -> None:
         """Forget what came after time ``t``."""
         for kept in (self._states, self._seen, self._answers):
-            for later in [time for time in kept if time > t]:
-                del kept[later]
+            while kept and next(reversed(kept)) > t:
+                kept.popitem()
 
     def copy(self) -> ExactAnswer:
         """One that goes its own way from here."""

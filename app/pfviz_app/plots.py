@@ -17,10 +17,11 @@ from pfviz_app.lane import Lane
 from pfviz_app.picture import Picture
 from pfviz_app.room import Room
 from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
+from pfviz_app.turns import Allowance
 
 _PERIOD = 0.5
-_SHARE = 0.04
-"""Of the time of a session while it plays, for the charts."""
+_ALLOWANCE = Allowance(0.04)
+"""For the charts of all visitors who are playing."""
 _MOST_POINTS = 400
 _CURVES = 5
 _REACHES = (25, 50, 100, 200, 400, 1000, 2000)
@@ -81,15 +82,15 @@ class Plots:
         now = time.monotonic()
         latest = [lane.toy.trace.particles for lane, _ in _lanes(picture)]
         state = (*map(id, latest), picture.last, picture.t, picture.playing, picture.settings)
-        if state == self._shown or (picture.playing and now < self._next):
+        if state == self._shown or (picture.playing and not (now >= self._next and _ALLOWANCE.left)):
             return
         self._shown = state
         self._latest = latest  # so that no others get their ids
         palette = DARK if picture.settings.dark else LIGHT
         for chart, drawing in self._charts:
             chart.draw(*drawing(picture, palette), palette)
-        done = time.monotonic()
-        self._next = done + max(_PERIOD, (done - now) / _SHARE)
+        self._next = now + _PERIOD
+        _ALLOWANCE.spend(time.monotonic() - now)
 
 
 class _Chart:

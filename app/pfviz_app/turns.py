@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections import deque
 
 
@@ -37,3 +38,24 @@ class Turns:
                 self._waiting.popleft().set()
             else:
                 self._free += 1
+
+
+class Allowance:
+    """A share of the time for what may as well be done later, by all visitors together.
+
+    Attributes:
+        share: of the time, from 0 to 1.
+    """
+
+    def __init__(self, share: float) -> None:
+        self.share = share
+        self._next = 0.0
+
+    @property
+    def left(self) -> bool:
+        """Whether it may be done now."""
+        return time.monotonic() >= self._next
+
+    def spend(self, seconds: float) -> None:
+        """Say how long it took: as much later there is time again as makes that the share."""
+        self._next = max(self._next, time.monotonic()) + seconds / self.share

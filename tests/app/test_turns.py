@@ -3,7 +3,8 @@
 import threading
 import time
 
-from pfviz_app.turns import Turns
+from pfviz_app import turns
+from pfviz_app.turns import Allowance, Turns
 
 
 def test_whoever_asks_first_is_first():
@@ -58,3 +59,22 @@ def test_a_turn_is_given_back_when_its_work_fails():
     with turns:
         assert turns._free == 0
     assert turns._free == 1
+
+
+def test_an_allowance_is_spent_and_comes_back(monkeypatch):
+    now = [100.0]
+    monkeypatch.setattr(turns.time, "monotonic", lambda: now[0])
+    charts = Allowance(0.05)
+    assert charts.left
+    charts.spend(0.01)
+    assert not charts.left
+    now[0] += 0.199
+    assert not charts.left
+    now[0] += 0.002
+    assert charts.left
+    charts.spend(0.01)
+    charts.spend(0.01)
+    now[0] += 0.399
+    assert not charts.left
+    now[0] += 0.002
+    assert charts.left
