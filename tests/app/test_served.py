@@ -171,3 +171,16 @@ def test_what_the_filter_believes_is_what_visitors_begin_with(capfd):
     assert settings.noises == {"system": 2.0, "observation": 0.5, "proposal": 1.5}
     message = message_of(run_here(capfd, "serve", "--no-browser", "--system-noise", 50))
     assert message == "System noise ×: expected 0.1 to 4, got 50.0"
+
+
+def test_limits_hold_for_a_visitors_session(tmp_path):
+    path = write_disc_video(tmp_path / "sent.mp4")
+    with Visit(Settings(toy_particles=12, tracker_particles=15), served("scene:twin", "--max-pixels", 6000)) as visit:
+        picture = visit.do(Load(path, "holiday.mp4"))
+    assert picture.message == "holiday.mp4: 96 x 72 pixels are too many (max_pixels is 6000)"
+
+
+def test_the_truth_is_relative_to_the_frame_that_was_learnt_from():
+    film = VideoFilm(served("scene:twin", "--learn-frame", 40))
+    turned = [film.truth(t).state[2] for t in (1, 41)]
+    assert turned[1] == 0.0 and abs(turned[0]) > 0.1

@@ -4,10 +4,13 @@ from unittest.mock import MagicMock
 
 import numpy as np
 import pytest
+from pfviz_app.served import prepare_video
+from pfviz_app.settings import Settings
 from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.palette import LIGHT
 from pfviz_app.stage.seen import After
 from pfviz_app.stage.tracker import TrackerStage, Window
-from stand_ins import DISC_BOX, SIZE, disc_frame
+from stand_ins import DISC_BOX, SIZE, Visit, disc_frame
 
 from pfviz.particles import ParticleSet
 from pfviz.vision.tracker import learn_tracker
@@ -35,3 +38,13 @@ def test_search_normals_stand_at_right_angles_on_the_outline(shape):
         assert np.linalg.norm(outline[nearest] - middle) < 0.5, "it stands on the outline"
         assert abs(along @ tangent) < 0.02 * np.linalg.norm(along) * np.linalg.norm(tangent), "at a right angle"
         assert along @ (middle - outline.mean(axis=0)) > 0, "and points outward"
+
+
+@pytest.mark.parametrize("learn_frame", [0, 5])
+def test_before_the_first_step_an_object_is_outlined_only_where_it_is_known_to_be(learn_frame):
+    setup, board = prepare_video("scene:twin", None, 0, learn_frame=learn_frame), MagicMock()
+    with Visit(Settings(), setup) as visit:
+        picture = visit.settled()
+        TrackerStage(board).draw(Rect(0, 0, 400, 600), picture, LIGHT)
+    drawn = [call.args[0] for call in board.polyline.call_args_list]
+    assert ("tracker/frame/expected" in drawn) == (learn_frame == 0)
