@@ -167,10 +167,11 @@ def test_the_mean_of_one_mode_is_the_mean():
     np.testing.assert_allclose(dominant_mean(particles, 40.0), particles.mean)
 
 
+@pytest.mark.parametrize("away", [160.0, 1.6e9])
 @pytest.mark.parametrize("share", [0.6, 0.9])
-def test_of_two_modes_the_heavier_is_reported(share):
+def test_of_two_modes_the_heavier_is_reported(share, away):
     rng = np.random.default_rng(1)
-    centres = np.array([[60.0, 60.0, 0.5, 0.0], [160.0, 90.0, -0.5, 0.1]])
+    centres = np.array([[60.0, 60.0, 0.5, 0.0], [away, 0.6 * away, -0.5, 0.1]])
     states = np.concatenate([rng.normal(c, [2, 2, 0.05, 0.02], (100, 4)) for c in centres])
     weights = np.repeat([1.0 - share, share], 100) / 100
     found = dominant_mean(ParticleSet(states[:, None], np.log(weights)), 30.0)

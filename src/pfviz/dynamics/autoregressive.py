@@ -133,15 +133,25 @@ class Autoregression:
         innovation = np.empty((len(proposed), self.dimension))
         innovation[:, components] = proposed
         if rest:
-            u, covariance = list(components), self.noise_covariance
-            gain = np.linalg.solve(covariance[np.ix_(u, u)], covariance[np.ix_(u, rest)]).T
-            conditional = covariance[np.ix_(rest, rest)] - gain @ covariance[np.ix_(u, rest)]
+            gain, factor = self._conditional(tuple(components))
             mean = self.predict(states)
             noise = rng.standard_normal((len(proposed), len(rest)))
-            innovation[:, rest] = (
-                mean[:, rest] + (proposed - mean[:, u]) @ gain.T + noise @ np.linalg.cholesky(conditional).T
-            )
+            innovation[:, rest] = mean[:, rest] + (proposed - mean[:, components]) @ gain.T + noise @ factor.T
         return innovation
+
+    def _conditional(self, components: Components) -> tuple[FloatArray, FloatArray]:
+        """Of p(v | u): the gain on u, the ``components``, and the Cholesky factor of the covariance of the rest, v."""
+        if components not in self._conditionals:
+            u, covariance = list(components), self.noise_covariance
+            rest = [i for i in range(self.dimension) if i not in u]
+            gain = np.asarray(np.linalg.solve(covariance[np.ix_(u, u)], covariance[np.ix_(u, rest)]).T, dtype=float)
+            conditional = covariance[np.ix_(rest, rest)] - gain @ covariance[np.ix_(u, rest)]
+            self._conditionals[components] = gain, np.asarray(np.linalg.cholesky(conditional), dtype=float)
+        return self._conditionals[components]
+
+    @cached_property
+    def _conditionals(self) -> dict[Components, tuple[FloatArray, FloatArray]]:
+        return {}
 
     def log_transition(self, proposed: FloatArray, states: FloatArray, components: Components) -> FloatArray:
         """``(N,)``: log p(u_i | x_i), one by one, for the ``components`` given."""

@@ -17,6 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 from threading import Thread
 from types import ModuleType
@@ -166,7 +167,7 @@ def _prepare(
     u, m, lw, c = (np.asarray(a, dtype=np.float64) for a in (innovations, means, log_weights, covariance))
     _check_shapes(u, m, lw, c)
     heaviest = checked_peak(lw)
-    inverse_factor, log_determinant = _inverse_cholesky(c)
+    inverse_factor, log_determinant = _inverse_cholesky(c.tobytes(), len(c))
     positive = None
     if np.isneginf(lw.min()):
         positive = np.flatnonzero(lw > -np.inf)
@@ -196,8 +197,10 @@ def _check_shapes(u: FloatArray, m: FloatArray, lw: FloatArray, c: FloatArray) -
             raise ValueError(f"{name} must be finite, got NaN or infinity")
 
 
-def _inverse_cholesky(covariance: FloatArray) -> tuple[NDArray[np.floating], float]:
-    """The inverse of the Cholesky factor, and the log-determinant of the covariance."""
+@lru_cache(maxsize=64)
+def _inverse_cholesky(values: bytes, d: int) -> tuple[NDArray[np.floating], float]:
+    """The inverse of the Cholesky factor, and the log-determinant of the ``(d, d)`` covariance of these ``values``."""
+    covariance = np.frombuffer(values).reshape(d, d)
     try:
         factor = np.linalg.cholesky(covariance)
     except np.linalg.LinAlgError:

@@ -25,6 +25,7 @@ SHAPES = {"translation": 2, "similarity": 4, "affine": 6}
 DEFAULT_POINTS = 32
 _CONTROL_POINTS = 16
 _DENSE = 24
+_PER_SEGMENT = 4
 _BASIS = np.array([[1, 4, 1, 0], [-3, 0, 3, 0], [3, -6, 3, 0], [-1, 3, -3, 1]]) / 6.0
 
 
@@ -101,13 +102,18 @@ class Contour:
         """The side of the square of equal area, in pixels."""
         return float(np.sqrt(abs(signed_area(self.outline(8)))))
 
-    def outline(self, per_segment: int = 4) -> FloatArray:
+    @cached_property
+    def _polygon(self) -> FloatArray:
+        return readonly(self.outline())
+
+    def outline(self, per_segment: int = _PER_SEGMENT) -> FloatArray:
         """``(m * per_segment, 2)``: a polygon close to the spline, to draw or to fill."""
         return _evaluate(self.control_points, _parameters(len(self.control_points), per_segment))
 
-    def outlines(self, states: FloatArray, per_segment: int = 4, factor: float = 1.0) -> FloatArray:
+    def outlines(self, states: FloatArray, per_segment: int = _PER_SEGMENT, factor: float = 1.0) -> FloatArray:
         """``(N, m * per_segment, 2)``: the polygon in the image for each of ``states (N, k)``."""
-        return apply(transforms(np.atleast_2d(states), factor), self.outline(per_segment))
+        polygon = self._polygon if per_segment == _PER_SEGMENT else self.outline(per_segment)
+        return apply(transforms(np.atleast_2d(states), factor), polygon)
 
     def bounding_box(self, state: FloatArray) -> tuple[float, float, float, float]:
         """``(x, y, width, height)`` of the outline in the image, for ``state (k,)``."""

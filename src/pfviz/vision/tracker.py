@@ -53,6 +53,7 @@ MODELS = {
 _ANYWHERE = np.array([0.3, 0.1, 0.05, 0.05])
 _BACKGROUND_PLACES = 256
 _WINDOW, _WINDOW_SHARE = 0.5, 0.5
+_MOST_SQUARES = 1 << 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +212,8 @@ class TrackerModel:
         if record.condition == "missing":
             return float("nan")
         state = (estimate or self.estimate(record)).state
-        parts = replace(self, patch_before=None).log_likelihood_parts(state[None], record.observation)
+        still = self if self.patch_before is None else replace(self, patch_before=None)
+        parts = still.log_likelihood_parts(state[None], record.observation)
         return float(sum(part[0] for part in parts.values()))
 
     def presence(self, before: Presence, record: StepRecord, estimate: TrackEstimate | None = None) -> Presence:
@@ -261,25 +263,33 @@ def dominant_mean(particles: ParticleSet, reach: float) -> FloatArray:
     So the particles within ``reach`` pixels of the heaviest place are found by mean shift, from the heaviest
     square of a grid, and only they are averaged. With one mode this is the mean.
     """
-    positions, weights = particles.innovation[:, :2], particles.weights
+    innovation, weights = particles.innovation, particles.weights
+    positions = np.ascontiguousarray(innovation[:, :2])
+    x, y = np.ascontiguousarray(positions.T)
     centre = _heaviest_place(positions, weights, reach)
     near = np.ones(len(weights), dtype=bool)
     for _ in range(10):
-        now = np.sum((positions - centre) ** 2, axis=1) <= reach**2
+        now = (x - centre[0]) ** 2 + (y - centre[1]) ** 2 <= reach**2
         if not now.any() or (now == near).all():
             break
         near = now
-        centre = np.average(positions[near], axis=0, weights=weights[near] + 1e-300)
-    return np.average(particles.innovation[near], axis=0, weights=weights[near] + 1e-300)
+        centre = _mean(positions, weights, near)
+    return _mean(innovation, weights, near)
 
 
 def _heaviest_place(positions: FloatArray, weights: FloatArray, reach: float) -> FloatArray:
     """``(2,)``: the mean of the particles in the heaviest square of side ``reach``."""
-    squares = np.floor((positions - positions.min(axis=0)) / reach).astype(int)
-    labels = squares[:, 0] * (squares[:, 1].max() + 1) + squares[:, 1]
-    _, labels = np.unique(labels, return_inverse=True)
-    heaviest = labels == np.argmax(np.bincount(labels, weights))
-    return np.average(positions[heaviest], axis=0, weights=weights[heaviest] + 1e-300)
+    columns, rows = np.floor((positions - positions.min(axis=0)) / reach).astype(int).T
+    labels = columns * (rows.max() + 1) + rows
+    if labels.max() > _MOST_SQUARES:
+        _, labels = np.unique(labels, return_inverse=True)
+    return _mean(positions, weights, labels == np.argmax(np.bincount(labels, weights)))
+
+
+def _mean(values: FloatArray, weights: FloatArray, chosen: NDArray[np.bool_]) -> FloatArray:
+    """``(k,)``: the weighted mean of the ``chosen (N,)`` of ``values (N, k)``; plain where none of them weighs."""
+    own = weights[chosen] + 1e-300
+    return (values[chosen] * own[:, None]).sum(axis=0) / own.sum()
 
 
 def learn_tracker(
