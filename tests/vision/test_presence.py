@@ -321,3 +321,23 @@ def test_a_real_ball_that_enters_late_is_found():
     assert set(statuses[:28]) == {"lost"}
     assert set(statuses[36:]) == {"tracked"}
     assert max(distances) < 15.0
+
+
+def test_what_is_known_of_one_step_is_not_taken_for_another(monkeypatch):
+    """The model keeps the estimate and the score that it was asked for last, and only those."""
+    source = Blinking(range(0))
+    model, filter_ = source.model(0), Restarting(make_filter("rb-ss-hs-sir", 60))
+    records, particles = [], filter_.initial(step_rng(0, 0), model)
+    for t in (1, 2, 3):
+        records.append(filter_.step(step_rng(0, t), model, particles, model.observe(source.read(t))))
+        particles = records[-1].posterior
+    expected = [(replace(model).estimate(record), replace(model).score(record)) for record in records]
+    assert len({score for _, score in expected}) == 3
+    for k in (0, 1, 1, 2, 0, 2):
+        assert (model.estimate(records[k]), model.score(records[k])) == expected[k]
+    place = expected[0][0]
+    for record in records:
+        assert model.score(record, place) == replace(model).score(record, place)
+    calls = []
+    monkeypatch.setattr("pfviz.vision.tracker.dominant_mean", lambda *_: calls.append(1))
+    assert (model.estimate(records[2]), calls) == (expected[2][0], [])

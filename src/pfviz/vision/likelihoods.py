@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import pairwise
 
 import cv2
@@ -55,11 +56,11 @@ class ContourLikelihood:
     sigma: float
     temper: float
 
-    @property
+    @cached_property
     def cost(self) -> FloatArray:
         """``(search + 2,)``: the log-likelihood of a normal by its edge's distance; last, that of no edge."""
         distances = np.arange(self.search + 2).clip(max=self.search)
-        return -self.temper * 0.5 * np.square(distances / self.sigma)
+        return readonly(-self.temper * 0.5 * np.square(distances / self.sigma))
 
     def log_likelihood(self, transforms: FloatArray, edges: EdgeMap) -> FloatArray:
         """``(N,)``: for outlines put by ``transforms (N, 2, 3)`` into the image of these ``edges``."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import cv2
@@ -201,8 +202,24 @@ class TrackerModel:
         )
 
     def estimate(self, record: StepRecord) -> TrackEstimate:
-        """The mean of the posterior's dominant mode, before any restart; see ``dominant_mean``."""
-        return self.estimate_of(dominant_mean(weighed_posterior(record), self.contour.size))
+        """The mean of the posterior's dominant mode, before any restart; see ``dominant_mean``.
+
+        It is worked out once for the step that was asked about last.
+        """
+        particles = weighed_posterior(record)
+        known, estimate = self._last_estimate
+        if known is not particles:
+            estimate = self.estimate_of(dominant_mean(particles, self.contour.size))
+            self.__dict__["_last_estimate"] = particles, estimate
+        return estimate
+
+    @cached_property
+    def _last_estimate(self) -> tuple[ParticleSet | None, Any]:
+        return None, None
+
+    @cached_property
+    def _last_score(self) -> tuple[FrameFeatures | None, TrackEstimate | None, float]:
+        return None, None, float("nan")
 
     def score(self, record: StepRecord, estimate: TrackEstimate | None = None) -> float:
         """The log-likelihood of the estimate in its frame; NaN where nothing was observed.
@@ -211,10 +228,14 @@ class TrackerModel:
         """
         if record.condition == "missing":
             return float("nan")
-        state = (estimate or self.estimate(record)).state
-        still = self if self.patch_before is None else replace(self, patch_before=None)
-        parts = still.log_likelihood_parts(state[None], record.observation)
-        return float(sum(part[0] for part in parts.values()))
+        estimate = estimate or self.estimate(record)
+        seen, scored, score = self._last_score
+        if seen is not record.observation or scored is not estimate:
+            still = self if self.patch_before is None else replace(self, patch_before=None)
+            parts = still.log_likelihood_parts(estimate.state[None], record.observation)
+            score = float(sum(part[0] for part in parts.values()))
+            self.__dict__["_last_score"] = record.observation, estimate, score
+        return score
 
     def presence(self, before: Presence, record: StepRecord, estimate: TrackEstimate | None = None) -> Presence:
         """Whether the object is tracked or lost after the step of ``record``, from what was believed before it.
