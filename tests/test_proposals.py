@@ -74,3 +74,10 @@ def test_far_points_keep_a_finite_log_density():
 def test_what_is_not_a_mixture_is_refused(arguments, message):
     with pytest.raises(ValueError, match=message):
         GaussianMixture(*arguments)
+
+
+def test_bumps_are_drawn_as_numpy_draws_them():
+    proposal = GaussianMixture(np.array([[0.0], [100.0], [300.0]]), np.array([[1e-6]]), np.array([0.2, 0.7, 0.1]))
+    drawn = proposal.sample(np.random.default_rng(4), 500)[:, 0]
+    bumps = np.random.default_rng(4).choice(3, size=500, p=[0.2, 0.7, 0.1])
+    np.testing.assert_array_equal(np.round(drawn), proposal.means[bumps, 0])

@@ -50,9 +50,10 @@ class GridProposal:
 
     def __post_init__(self) -> None:
         cells = np.asarray(self.probabilities, dtype=float)
-        if cells.ndim != 2 or not (cells >= 0).all() or not 0 < cells.sum() < np.inf:
+        total = cells.sum()
+        if cells.ndim != 2 or not (cells >= 0).all() or not 0 < total < np.inf:
             raise ValueError("probabilities must be a grid of non-negative numbers, not all zero")
-        object.__setattr__(self, "probabilities", readonly(cells / cells.sum()))
+        object.__setattr__(self, "probabilities", readonly(cells / total))
 
     @property
     def cell(self) -> FloatArray:
@@ -96,12 +97,12 @@ class GridProposal:
     def log_density(self, proposed: FloatArray) -> FloatArray:
         """``(N,)``: the log-density at ``proposed (N, 2)``; minus infinity outside the image."""
         rows, columns = self.probabilities.shape
+        cell = self.cell
         inside = ((proposed >= 0.0) & (proposed < self.size)).all(axis=1)
-        cells = np.minimum(np.floor(proposed[inside] / self.cell).astype(int), [columns - 1, rows - 1])
-        with np.errstate(divide="ignore"):
-            log_density = np.log(self.density)
+        cells = np.minimum(np.floor(proposed[inside] / cell).astype(int), [columns - 1, rows - 1])
         result = np.full(len(proposed), -np.inf)
-        result[inside] = log_density[cells[:, 1], cells[:, 0]]
+        with np.errstate(divide="ignore"):
+            result[inside] = np.log(self.probabilities[cells[:, 1], cells[:, 0]] / np.prod(cell))
         return result
 
 
