@@ -54,7 +54,7 @@ class GaussianMixture:
 
     def sample(self, rng: np.random.Generator, count: int) -> FloatArray:
         """``(count, d)`` draws."""
-        cumulative = np.cumsum(self.weights)  # what rng.choice does, without its checks
+        cumulative = np.cumsum(np.asarray(self.weights))  # what rng.choice does, without its checks
         bumps = np.searchsorted(cumulative / cumulative[-1], rng.random(count), side="right")
         noise = rng.standard_normal((count, self.means.shape[1]))
         return self.means[bumps] + noise @ self._factor.T  # type: ignore[attr-defined]
