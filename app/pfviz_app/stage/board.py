@@ -161,9 +161,15 @@ class Board:
 @lru_cache(maxsize=2048)
 def _text(text: str, x: float, y: float, colour: Rgb, anchor: Anchor, size: float, bold: bool) -> Mark:
     """A line of text. Of what is written in every drawing there is one mark, which need not be sent again."""
+    properties, width, height = _lettering(text, size, colour, bold)
+    middle = x + {"left": width / 2.0, "centre": 0.0, "right": -width / 2.0}[anchor]
+    return Mark("image", properties, (middle, -y, _TEXT_DEPTH))
+
+
+@lru_cache(maxsize=512)
+def _lettering(text: str, size: float, colour: Rgb, bold: bool) -> tuple[dict[str, Any], float, float]:
     picture, width, height = lettered(text, size, colour, bold)
-    left = x - {"left": 0.0, "centre": width / 2.0, "right": width}[anchor]
-    return _image(picture, Rect(left, y - height / 2.0, width, height), _TEXT_DEPTH)
+    return _encoded(picture, width, height), width, height
 
 
 @lru_cache(maxsize=512)
@@ -193,11 +199,15 @@ def _nearer(placed: NDArray[np.float32], by: float) -> NDArray[np.float32]:
 
 
 def _image(image: NDArray[np.uint8], rect: Rect, depth: float) -> Mark:
-    format, options = ("png", ()) if image.shape[2] == 4 else ("jpeg", _JPEG)
-    encoded = cv2.imencode(f".{format}", image, options)[1]
-    size = {"render_width": rect.width, "render_height": rect.height}
     x, y = rect.centre
-    return Mark("image", {"_format": format, "_data": encoded, **size}, (x, -y, depth))
+    return Mark("image", _encoded(image, rect.width, rect.height), (x, -y, depth))
+
+
+def _encoded(image: NDArray[np.uint8], width: float, height: float) -> dict[str, Any]:
+    """The properties of an image's node: BGR images as JPEG, BGRA ones as PNG."""
+    format, options = ("png", ()) if image.shape[2] == 4 else ("jpeg", _JPEG)
+    data = cv2.imencode(f".{format}", image, options)[1]
+    return {"_format": format, "_data": data, "render_width": width, "render_height": height}
 
 
 def joined(points: ArrayLike, closed: bool = False) -> NDArray[np.float64]:
