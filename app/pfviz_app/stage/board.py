@@ -7,7 +7,7 @@ one pixel of the canvas. It can still be orbited.
 from __future__ import annotations
 
 from functools import lru_cache
-from typing import Literal
+from typing import Any, Literal
 
 import cv2
 import numpy as np
@@ -161,7 +161,7 @@ class Board:
 @lru_cache(maxsize=2048)
 def _text(text: str, x: float, y: float, colour: Rgb, anchor: Anchor, size: float, bold: bool) -> Mark:
     """A line of text. Of what is written in every drawing there is one mark, which need not be sent again."""
-    properties, width, height = _lettering(text, size, colour, bold)
+    properties, width, _ = _lettering(text, size, colour, bold)
     middle = x + {"left": width / 2.0, "centre": 0.0, "right": -width / 2.0}[anchor]
     return Mark("image", properties, (middle, -y, _TEXT_DEPTH))
 
