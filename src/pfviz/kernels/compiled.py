@@ -318,47 +318,39 @@ def _keep(upper, lowest, kept):
 def _expand(z, base, centre, highest, kept, near):
     """The square expanded about the cell's centre: exponents are ``highest + near[-1] + near[:-1] . v - |v|^2``.
 
-    Returns how far wrong single precision can make them: a bound, in units of 2**-24.
+    ``near`` is in lane order; columns beyond those of ``kept`` are filled with nothing. Returns how far wrong single
+    precision can make the exponents: a bound, in units of 2**-24.
     """
-    d = len(centre)
+    d, count = len(centre), len(kept)
     exponents = near[-1]
+    run = len(exponents) // LANES
     largest, farthest = 0.0, 0.0
-    for l in range(len(kept)):
-        squares = 0.0
-        for j in range(d):
-            away = z[j, kept[l]] - centre[j]
-            near[j, l] = 2.0 * away
-            squares += away * away
-        exponents[l] = base[kept[l]] - squares - highest
-        largest = max(largest, abs(exponents[l]))
-        farthest = max(farthest, squares)
+    for lane in range(LANES):
+        for step in range(run):
+            i = step * LANES + lane
+            if lane * run + step >= count:
+                near[:, i] = 0.0
+                exponents[i] = -np.inf
+                continue
+            l = kept[lane * run + step]
+            squares = 0.0
+            for j in range(d):
+                away = z[j, l] - centre[j]
+                near[j, i] = 2.0 * away
+                squares += away * away
+            exponents[i] = base[l] - squares - highest
+            largest = max(largest, abs(exponents[i]))
+            farthest = max(farthest, squares)
     return 2.0 * largest + 10.0 * math.sqrt(farthest) * 0.5 * CELL * math.sqrt(d)
 
 
 @helper
-def _in_lanes(near, count, room):
-    """The first ``count`` columns in lane order, padded with nothing, in the precision of ``room``: slopes, then
-    exponents."""
-    length = (count + BLOCK - 1) // BLOCK * BLOCK
-    laid = room[: len(near) * length].reshape(len(near), length)
-    run = length // LANES
-    for j in range(len(near)):
-        row, column = laid[j], near[j]
-        row[:] = 0.0 if j < len(near) - 1 else -np.inf
-        for lane in range(LANES):
-            first = lane * run
-            for step in range(min(run, count - first)):
-                row[step * LANES + lane] = column[first + step]
-    return laid
-
-
-@helper
-def _sample_group(laid, far, highest, centre, kept, rows, innovations, uniforms, work, lanes, logs, ancestors):
-    """``sample_groups`` for the ``rows`` of one group, in the precision of ``laid``."""
-    slopes, exponents = laid[:-1], laid[-1]
+def _sample_group(near, far, highest, centre, kept, rows, innovations, uniforms, work, lanes, logs, ancestors):
+    """``sample_groups`` for the ``rows`` of one group, in the precision of ``near``; see ``_expand``."""
+    slopes, exponents = near[:-1], near[-1]
     length = len(exponents)
     sums, folded = work[: length // DEPTH], work[length // DEPTH :][:length]
-    largest, v = np.empty(LANES, dtype=laid.dtype), np.zeros(len(slopes), dtype=laid.dtype)
+    largest, v = np.empty(LANES, dtype=near.dtype), np.zeros(len(slopes), dtype=near.dtype)
     base = exponents if len(slopes) == 2 else folded
     for i in rows:
         squares = 0.0
@@ -402,8 +394,7 @@ def sample_groups(z, base, innovations, uniforms, order, starts, cutoff, toleran
         ancestors: ``(M,)``, the draws; -1 where a row is lost.
     """
     d, count = z.shape
-    near = np.empty((d + 1, count))
-    room = len(near) * (count + BLOCK)
+    room = (d + 1) * (count + BLOCK)
     single, double = np.empty(room, dtype=np.float32), np.empty(room)
     upper, lower = np.empty(count), np.empty(count)
     kept, lanes, centre = np.empty(count + 1, dtype=np.int64), np.empty(LANES), np.empty(d)
@@ -421,13 +412,18 @@ def sample_groups(z, base, innovations, uniforms, order, starts, cutoff, toleran
             continue
         remaining = _keep(upper, lowest - cutoff, kept)
         far = highest - lowest > _PLAIN_RANGE
+        length = (remaining + BLOCK - 1) // BLOCK * BLOCK
+        size = (d + 1) * length
+        near = double[:size].reshape(d + 1, length)
         error = _expand(z, base, centre, highest, kept[:remaining], near)
         if error <= tolerance:
-            laid = _in_lanes(near, remaining, single)
-            _sample_group(laid, far, highest, centre, kept, rows, innovations, uniforms, work32, lanes, logs, ancestors)
+            single[:size] = double[:size]
+            near32 = single[:size].reshape(d + 1, length)
+            _sample_group(
+                near32, far, highest, centre, kept, rows, innovations, uniforms, work32, lanes, logs, ancestors
+            )
         else:
-            wide = _in_lanes(near, remaining, double)
-            _sample_group(wide, far, highest, centre, kept, rows, innovations, uniforms, work64, lanes, logs, ancestors)
+            _sample_group(near, far, highest, centre, kept, rows, innovations, uniforms, work64, lanes, logs, ancestors)
 
 
 # --- contour scan
