@@ -65,6 +65,7 @@ class Visitor:
             self.session.close()
             raise
         client.camera.on_update(self._resized)
+        self._resized(client.camera)  # the docks may have changed it meanwhile
         client.scene.on_click()(self._clicked)
         self.session.start()
 

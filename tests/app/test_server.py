@@ -1,7 +1,7 @@
 """A visitor's screen and session, on a page that exists only in name."""
 
 import time
-from unittest.mock import MagicMock
+from unittest.mock import DEFAULT, MagicMock
 
 import pytest
 from pfviz_app import server
@@ -58,6 +58,20 @@ def test_where_the_picture_cannot_be_drawn_the_docks_say_why(controls):
     visitor.session.post(Ask(done.append))
     wait_until(lambda: done)
     assert (done[0].t, done[0].message) == (2, "")
+    visitor.close()
+
+
+def test_a_canvas_that_the_docks_have_made_narrower_is_drawn_for(controls):
+    client = page()
+    client.camera.image_width, client.camera.image_height = 1200, 600
+
+    def dock(*_):
+        client.camera.image_width = 552
+        return DEFAULT
+
+    controls.side_effect = dock
+    visitor = Visitor(client, FEW, disc_setup(), Shelves())
+    wait_until(lambda: visitor._stage._size == (552, 600))
     visitor.close()
 
 
