@@ -6,7 +6,7 @@ the same in plain NumPy: the oracle of the tests, and what runs without numba.
 Which of the two runs is the *backend*:
 
 - ``"numba"`` is the default. The first call compiles all kernels at once and blocks until they are ready:
-  about ten seconds the first time on a machine, a third of a second in each process thereafter, from numba's
+  ten to twenty seconds the first time on a machine, a third of a second in each process thereafter, from numba's
   disk cache. A cache folder that cannot be written to costs only the time. ``warm_up()`` does this ahead of
   need, in whatever thread calls it; ``compiled_ready()`` tells whether it is done.
 - ``"numpy"`` runs the twins: where numba cannot be imported, in a process started with ``PFVIZ_NO_NUMBA=1``,

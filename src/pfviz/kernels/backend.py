@@ -23,7 +23,7 @@ _numba_wanted = os.environ.get("PFVIZ_NO_NUMBA", "") in ("", "0")
 def warm_up() -> None:
     """Compile the kernels, or load them from the disk cache; returns when they are ready.
 
-    Takes some ten seconds the first time on a machine and a third of a second afterwards. Safe to call from
+    Takes ten to twenty seconds the first time on a machine and a third of a second afterwards. Safe to call from
     any thread, and again. Does nothing where the backend is NumPy.
     """
     global _compiled, _numba_wanted
