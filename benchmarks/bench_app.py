@@ -41,8 +41,8 @@ _CAMERA = {
     "look_at": (0.0, 0.0, 0.0),
     "up_direction": (0.0, 0.0, 1.0),
 }
-_SECONDS = 6.0
-_BETWEEN = 0.2
+_SECONDS = 4.0
+_BETWEEN = 0.1
 """Seconds between one visitor's start and the next one's."""
 _FACTS = b"toy.facts"
 Counts = MutableSequence[int]

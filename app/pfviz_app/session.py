@@ -56,7 +56,7 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _PROGRESS_PERIOD = 0.25
-_TURNS = Turns(2)
+_TURNS = Turns(1)
 """Of all sessions so many step and draw at once."""
 _TASTE = ("dark", "speed", "arrows", "truth", "exact", "ancestry", "overlay")
 """Settings that a situation of the gallery leaves as the visitor likes them."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Literal, Protocol
 
 import numpy as np
@@ -19,7 +20,7 @@ _OVERHEAD = 400
 Room = Literal["toy", "tracker"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Mark:
     """One thing on a drawing.
 
@@ -33,11 +34,16 @@ class Mark:
     properties: dict[str, Any]
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
+    @cached_property
+    def arrays(self) -> tuple[tuple[str, str, memoryview], ...]:
+        """Those of the properties that are arrays: name, type and content."""
+        found = [(key, value) for key, value in self.properties.items() if isinstance(value, np.ndarray)]
+        return tuple((key, value.dtype.str, value.data) for key, value in found)
+
     @property
     def nbytes(self) -> int:
         """Roughly how much memory it takes."""
-        data = self.properties.values()
-        return _OVERHEAD + sum(value.nbytes if isinstance(value, np.ndarray) else 0 for value in data)
+        return _OVERHEAD + sum(content.nbytes for _, _, content in self.arrays)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -73,7 +73,7 @@ class Screen:
         else:
             still: Any = {"cast_shadow": False, "receive_shadow": False, "wxyz": (0.0, 1.0, 0.0, 0.0)}
             node = self._scene.add_image(path, _EMPTY, 1.0, 1.0, position=mark.place, **still)
-            self._scene._queue_scene_message(_Update(path, properties))
+            self._scene._queue_scene_message(_Update(path, mark))
         if grip:
             node.on_drag(self._grabbed)
         self._nodes[name] = node
@@ -85,7 +85,7 @@ class Screen:
         picture.
         """
         path = _path(name)
-        self._scene._queue_scene_message(_Update(path, mark.properties))
+        self._scene._queue_scene_message(_Update(path, mark))
         if mark.place != before.place:
             self._scene._queue_scene_message(SetPositionMessage(path, mark.place))
 
@@ -99,9 +99,11 @@ class Screen:
 class _Update(SceneNodeUpdateMessage):
     """All properties of a node at once; the latest counts. Thousands of these are sent a second.
 
-    It is put on the wire as viser's own message is, without a look at every type; what it carries must be of the types
-    that the page expects, and its arrays contiguous.
+    It is put on the wire as viser's own message is, without a look at every type.
     """
+
+    def __init__(self, path: str, mark: Mark) -> None:
+        self.name, self.updates, self.owner, self._mark = path, mark.properties, "", mark
 
     def redundancy_key(self) -> str:
         return self.name
@@ -109,13 +111,10 @@ class _Update(SceneNodeUpdateMessage):
     def as_serializable_dict(self, binary_buffers: list[memoryview] | None = None) -> dict[str, Any]:
         if binary_buffers is None:
             return super().as_serializable_dict() | {"type": "SceneNodeUpdateMessage"}
-        updates: dict[str, Any] = {}
-        for key, value in self.updates.items():
-            if isinstance(value, np.ndarray):
-                updates[key] = {"__binary_index": len(binary_buffers), "dtype": value.dtype.str}
-                binary_buffers.append(value.data)
-            else:
-                updates[key] = value
+        updates = self.updates.copy()
+        for key, kind, content in self._mark.arrays:
+            updates[key] = {"__binary_index": len(binary_buffers), "dtype": kind}
+            binary_buffers.append(content)
         return {"name": self.name, "updates": updates, "owner": self.owner, "type": "SceneNodeUpdateMessage"}
 
 
