@@ -22,15 +22,15 @@ from pfviz.particles import FloatArray
 
 EQUAL_TIME_PARTICLES = {
     "condensation": 2000,
-    "basic-sir": 1200,
-    "hs-sir": 490,
-    "rb-ss-hs-sir": 500,
-    "innovation-sir": 750,
-    "icondensation": 600,
-    "auxiliary": 960,
+    "basic-sir": 980,
+    "hs-sir": 630,
+    "rb-ss-hs-sir": 720,
+    "innovation-sir": 840,
+    "icondensation": 770,
+    "auxiliary": 790,
     "unscented": 110,
-    "ls-n-ips": 87,
-    "ls-hs-sir": 75,
+    "ls-n-ips": 84,
+    "ls-hs-sir": 90,
 }
 """Particles of equal running time, as `pfviz experiment equal-time` measured them; see docs/results.md."""
 
