@@ -6,7 +6,9 @@ one pixel of the canvas. It can still be orbited.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
+from itertools import pairwise
 from typing import Any, Literal
 
 import cv2
@@ -86,12 +88,9 @@ class Board:
         A strength of 0 has the colour ``weakest``, by default one close to the background.
         """
         weakest = self._pale(colour, 0.12) if weakest is None else weakest
-        placed, strength = _placed(points, depth), np.asarray(strengths, dtype=float)
-        colours, bins = _for_lines(blend(weakest, colour, strength)), _bin(strength, len(_THICKNESSES))
-        for i, thickness in enumerate(_THICKNESSES):
-            chosen = bins == i
-            if chosen.any():
-                self._put(f"{name}/{i}", _lines(_nearer(placed[chosen], i), colours[chosen], thickness))
+        strength = np.asarray(strengths, dtype=float)
+        mark = _lines(_placed(points, depth), _for_lines(blend(weakest, colour, strength)), 0.0)
+        self._in_bins(name, mark, strength, "thickness", _THICKNESSES)
 
     def points(
         self, name: str, points: ArrayLike, colours: Colours | Rgb, size: float = 8.0, depth: float = 0.0
@@ -116,12 +115,24 @@ class Board:
         A strength of 0 has the colour ``weakest``, by default one close to the background.
         """
         weakest = self._pale(colour, 0.25) if weakest is None else weakest
-        placed, strength = _placed(points, depth), np.asarray(strengths, dtype=float)
-        colours, bins = blend(weakest, colour, strength), _bin(strength, len(_SIZES))
-        for i, factor in enumerate(_SIZES):
-            chosen = bins == i
-            if chosen.any():
-                self._put(f"{name}/{i}", _discs(_nearer(placed[chosen], i), colours[chosen], size * factor))
+        strength = np.asarray(strengths, dtype=float)
+        mark = _discs(_placed(points, depth), blend(weakest, colour, strength), 0.0)
+        self._in_bins(name, mark, strength, "point_size", [size * factor / 2.0 for factor in _SIZES])
+
+    def _in_bins(
+        self, name: str, mark: Mark, strengths: NDArray[np.float64], style: str, values: Sequence[float]
+    ) -> None:
+        """A mark in several: the stronger, the later ``style`` and the nearer to the viewer."""
+        bins = np.minimum((strengths * len(values)).astype(np.int64), len(values) - 1)
+        order = np.argsort(bins, kind="stable")
+        points, colours = mark.properties["points"][order], mark.properties["colors"][order]
+        points[..., 2] += bins[order].reshape(-1, *[1] * (points.ndim - 2))
+        stops = np.cumsum(np.bincount(bins, minlength=len(values))).tolist()
+        for i, (start, stop) in enumerate(pairwise([0, *stops])):
+            if stop > start:
+                part = slice(start, stop)
+                properties = {"points": points[part], "colors": colours[part], style: values[i]}
+                self._put(f"{name}/{i}", Mark(mark.kind, properties))
 
     def text(
         self,
@@ -193,11 +204,6 @@ def _discs(placed: NDArray[np.float32], colours: Colours, size: float) -> Mark:
     return Mark("points", {"points": placed, "colors": each, "point_size": size / 2.0})
 
 
-def _nearer(placed: NDArray[np.float32], by: float) -> NDArray[np.float32]:
-    placed[..., 2] += by
-    return placed
-
-
 def _image(image: NDArray[np.uint8], rect: Rect, depth: float) -> Mark:
     x, y = rect.centre
     return Mark("image", _encoded(image, rect.width, rect.height), (x, -y, depth))
@@ -251,7 +257,3 @@ def _linear_light() -> Colours:
 
 
 _LINEAR = _linear_light()
-
-
-def _bin(strengths: NDArray[np.float64], count: int) -> NDArray[np.int64]:
-    return np.clip((strengths * count).astype(np.int64), 0, count - 1)

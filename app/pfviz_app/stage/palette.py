@@ -80,5 +80,6 @@ def blend(background: Rgb, colour: Rgb, strength: NDArray[np.float64] | float) -
     Returns:
         ``(n, 3)`` for n strengths, ``(3,)`` for one.
     """
-    share = np.clip(np.asarray(strength, dtype=float), 0.0, 1.0)[..., None]
-    return np.rint((1.0 - share) * np.array(background) + share * np.array(colour)).astype(np.uint8)
+    share = np.minimum(np.maximum(np.asarray(strength, dtype=float), 0.0), 1.0)[..., None]
+    start = np.array(background, dtype=float)
+    return np.rint(start + share * (np.array(colour) - start)).astype(np.uint8)

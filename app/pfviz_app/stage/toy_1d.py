@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 from numpy.typing import ArrayLike
 
@@ -85,7 +87,7 @@ class Toy1d:
 
     def _x(self, values: FloatArray) -> FloatArray:
         """Pixels of values of the world; what lies outside the picture is drawn at its edge."""
-        inside = np.clip(values / self._extent, -1.0, 1.0)
+        inside = np.minimum(np.maximum(values / self._extent, -1.0), 1.0)
         return self._plot.x + self._plot.width * (0.5 + 0.5 * inside)
 
     def _y(self, row: str) -> float:
@@ -93,11 +95,16 @@ class Toy1d:
 
     def _at(self, values: FloatArray, row: str) -> FloatArray:
         """``(n, 2)``: points in a row."""
-        return np.stack([self._x(values), np.full(len(values), self._y(row))], axis=1)
+        points = np.empty((len(values), 2))
+        points[:, 0], points[:, 1] = self._x(values), self._y(row)
+        return points
 
     def _between(self, upper: FloatArray, upper_row: str, lower: FloatArray, lower_row: str) -> FloatArray:
         """``(n, 2, 2)``: lines from row to row."""
-        return np.stack([self._at(upper, upper_row), self._at(lower, lower_row)], axis=1)
+        lines = np.empty((len(upper), 2, 2))
+        for end, values, row in ((0, upper, upper_row), (1, lower, lower_row)):
+            lines[:, end, 0], lines[:, end, 1] = self._x(values), self._y(row)
+        return lines
 
     def _line(self, row: str, text: str, colour: Rgb, palette: Palette) -> None:
         """A row's axis, and its name in the colour of what lies on it."""
@@ -259,7 +266,7 @@ class Toy1d:
         x, y = float(self._x(np.array([value]))[0]), self._y(row)
         self._board.segments(name, [[[x, y - reach], [x, y + reach]]], colour, 3.5, 8.0)
 
-    @property
+    @cached_property
     def _grid(self) -> FloatArray:
         return np.linspace(-self._extent, self._extent, 121)
 
