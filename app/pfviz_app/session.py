@@ -125,8 +125,9 @@ class Session:
 
     def _play_on(self) -> None:
         """The next step, if it is due, and the picture."""
-        if self._playing and time.monotonic() >= self._due:
-            self._due = time.monotonic() + 1.0 / self._settings.speed
+        now = time.monotonic()
+        if self._playing and now >= self._due:
+            self._due = max(self._due + 1.0 / self._settings.speed, now)
             self._attempt(self._advance)
         self._attempt(self._draw)
 

@@ -21,7 +21,7 @@ from pfviz_app.stage.layout import Rect
 from pfviz_app.stage.lettering import lettered
 from pfviz_app.stage.palette import Colours, Rgb, blend
 
-_THICKNESSES = (1.0, 1.8, 3.0)
+_THICKNESSES = (1.2, 2.6)
 _SIZES = (0.5, 0.85, 1.3)
 _TEXT_DEPTH = 30.0
 _JPEG = (cv2.IMWRITE_JPEG_QUALITY, 90)

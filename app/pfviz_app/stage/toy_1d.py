@@ -256,15 +256,16 @@ class Toy1d:
             x, y = self._plot.x + self._plot.width / 2, self._y("posterior") + 15
             text = fitted(distance_text(particles, exact), 11.0, self._plot.width)
             self._board.text("toy/distance", text, x, y, palette.ink, "centre", 11.0)
-        self._tick("toy/estimate", float(particles.mean[0]), "posterior", palette.posterior, 9)
+        self._ticks("toy/estimate", float(particles.mean[0]), palette.posterior, posterior=9)
 
     def _truth(self, value: float, palette: Palette) -> None:
-        self._tick("toy/truth/state", value, "state", palette.truth, 9)
-        self._tick("toy/truth", value, "posterior", palette.truth, 13)
+        self._ticks("toy/truth", value, palette.truth, posterior=13, state=9)
 
-    def _tick(self, name: str, value: float, row: str, colour: Rgb, reach: float) -> None:
-        x, y = float(self._x(np.array([value]))[0]), self._y(row)
-        self._board.segments(name, [[[x, y - reach], [x, y + reach]]], colour, 3.5, 8.0)
+    def _ticks(self, name: str, value: float, colour: Rgb, **reaches: float) -> None:
+        """A value on some rows, so far up and down from each."""
+        x = float(self._x(np.array([value]))[0])
+        ticks = [[[x, self._y(row) - reach], [x, self._y(row) + reach]] for row, reach in reaches.items()]
+        self._board.segments(name, ticks, colour, 3.5, 8.0)
 
     @cached_property
     def _grid(self) -> FloatArray:
