@@ -24,10 +24,8 @@ from _timing import machine
 from pfviz_app.commands import Play, Set
 from pfviz_app.picture import Picture
 from pfviz_app.served import prepare_video
-from pfviz_app.server import App, Visitor
+from pfviz_app.server import App, Visitor, warm_up
 from pfviz_app.settings import Settings
-
-from pfviz import kernels
 
 _CAMERA = {
     "type": "ViewerCameraMessage",
@@ -121,7 +119,7 @@ def _slide(app: App, seen: dict[tuple[int, float], float]) -> list[float]:
 
 
 def main() -> None:
-    kernels.warm_up()
+    warm_up()
     print(f"Both rooms playing, 24 and 400 particles, RB-SS-HS-SIR. {machine()}.\n")
     print("| visitors | steps/s wished for | reach each, median | slowest visitor | slider to picture, median | p95 |")
     print("|---|---|---|---|---|---|")

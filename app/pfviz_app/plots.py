@@ -20,7 +20,7 @@ from pfviz_app.stage.palette import DARK, LIGHT, Palette, Rgb
 from pfviz_app.turns import Allowance
 
 _PERIOD = 0.5
-_ALLOWANCE = Allowance(0.04)
+_ALLOWANCE = Allowance(0.02)
 """For the charts of all visitors who are playing."""
 _MOST_POINTS = 400
 _CURVES = 5

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import contextlib
+import gc
 import io
 import logging
 import signal
@@ -170,7 +171,7 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
     """
     warnings.filterwarnings("ignore", message=_FAREWELL)
     port = _free_port(host, port)
-    threading.Thread(target=kernels.warm_up, name="pfviz-compile", daemon=True).start()
+    threading.Thread(target=warm_up, name="pfviz-compile", daemon=True).start()
     app = App(host, port, settings, video)
     url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{port}"
     print(f"pfviz is running at {url} (Ctrl-C stops it)", flush=True)
@@ -180,6 +181,13 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
         _wait_for_a_signal()
     finally:
         app.stop()
+
+
+def warm_up() -> None:
+    """Compile the kernels, and let the garbage collector leave alone what stays: it would look at it every few seconds."""
+    kernels.warm_up()
+    gc.collect()
+    gc.freeze()
 
 
 def _wait_for_a_signal() -> None:
