@@ -184,7 +184,7 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
 
 
 def warm_up() -> None:
-    """Compile the kernels, and let the garbage collector leave alone what stays: it would look at it every few seconds."""
+    """Compile the kernels, and let the garbage collector leave alone what stays; it would look at it often."""
     kernels.warm_up()
     gc.collect()
     gc.freeze()
