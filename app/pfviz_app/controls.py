@@ -30,7 +30,7 @@ from pfviz_app.stage.layout import PHONE
 
 Post = Callable[[Command], None]
 _TWO_DOCKS = 1150
-_TIME_PERIOD = 0.2
+_PERIOD = 0.2
 _LAST_STAGE, _NEXT_STAGE = "‹ before", "after ›"
 _BACK, _STEP, _RESET = "◀ Back", "Step ▶", "↺ Reset"
 _BRANCH, _HELP = "Branch here", "Help, keys"
@@ -69,7 +69,8 @@ class Controls:
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: Any = None
         self._dark: bool | None = None
-        self._time_shown_at = 0.0
+        self._state: Any = None
+        self._shown_at = 0.0
         self._theme(settings.dark)
         self._controls(settings, straighten)
         self._text_and_plots()
@@ -82,29 +83,27 @@ class Controls:
         self._video.close()
 
     def show(self, picture: Picture) -> None:
-        """Bring the widgets in line with the session."""
-        s = picture.settings
-        if s.dark != self._dark:
-            self._theme(s.dark)
-        for field, widget in self._widgets.items():
-            self._set(widget, self._shown(field, getattr(s, field)))
-        situation = SCENARIOS[picture.situation].title if picture.situation else _NO_SITUATION
-        self._set(self._situation, situation)
-        self._put(self._play, "label", "❚❚ Pause" if picture.playing else "▶ Play")
-        self._show_time(picture)
+        """Bring the widgets in line with the session; those that a film on its way moves, now and then."""
+        if picture.settings.dark != self._dark:
+            self._theme(picture.settings.dark)
+        state, now = (picture.settings, picture.situation, picture.playing), time.monotonic()
+        if not picture.playing or state != self._state or now - self._shown_at > _PERIOD:
+            self._state, self._shown_at = state, now
+            self._show_widgets(picture)
         self._show_status(picture)
         self._sharing.show(picture)
         self._video.show(picture)
         self._explain(picture)
         self._plots.draw(picture)
 
-    def _show_time(self, picture: Picture) -> None:
-        """On the slider; while playing now and then, since the picture says it as well."""
-        now = time.monotonic()
-        if not picture.playing or now - self._time_shown_at > _TIME_PERIOD:
-            self._time_shown_at = now
-            self._put(self._time, "max", max(picture.last, 1))
-            self._set(self._time, picture.t)
+    def _show_widgets(self, picture: Picture) -> None:
+        for field, widget in self._widgets.items():
+            self._set(widget, self._shown(field, getattr(picture.settings, field)))
+        situation = SCENARIOS[picture.situation].title if picture.situation else _NO_SITUATION
+        self._set(self._situation, situation)
+        self._put(self._play, "label", "❚❚ Pause" if picture.playing else "▶ Play")
+        self._put(self._time, "max", max(picture.last, 1))
+        self._set(self._time, picture.t)
 
     def _show_status(self, picture: Picture) -> None:
         working = picture.progress is not None
