@@ -9,6 +9,7 @@ import io
 import logging
 import signal
 import socket
+import sys
 import threading
 import warnings
 import webbrowser
@@ -184,7 +185,12 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
 
 
 def warm_up() -> None:
-    """Compile the kernels, and let the garbage collector leave alone what stays; it would look at it often."""
+    """Compile the kernels, and suit the interpreter to many threads that draw.
+
+    The garbage collector leaves alone what stays, which it would look through again and again. Threads hand the
+    interpreter over after a millisecond: viser's loop needs it several times to send one picture.
+    """
+    sys.setswitchinterval(0.001)
     kernels.warm_up()
     gc.collect()
     gc.freeze()

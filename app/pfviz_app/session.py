@@ -56,6 +56,8 @@ log = logging.getLogger(__name__)
 T = TypeVar("T")
 
 _PROGRESS_PERIOD = 0.25
+_ARREARS = 0.1
+"""Seconds that a film on its way may be late and still catch up."""
 _TURNS = Turns(1)
 """Of all sessions so many step and draw at once."""
 _TASTE = ("dark", "speed", "arrows", "truth", "exact", "ancestry", "overlay")
@@ -127,7 +129,7 @@ class Session:
         """The next step, if it is due, and the picture."""
         now = time.monotonic()
         if self._playing and now >= self._due:
-            self._due = max(self._due + 1.0 / self._settings.speed, now)
+            self._due = max(self._due + 1.0 / self._settings.speed, now - _ARREARS)
             self._attempt(self._advance)
         self._attempt(self._draw)
 

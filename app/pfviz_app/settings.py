@@ -174,7 +174,7 @@ _CONTROLS = (
         4,
         0.05,
     ),
-    Control("speed", "Steps / second", "While playing", "slider", 0.5, 30, 0.5),
+    Control("speed", "Steps / second", "While playing", "slider", 0.5, 60, 0.5),
     Control("seed", "Seed", "Equal seeds, equal films", "slider", 0, 999),
     Control(
         "pane",
