@@ -172,6 +172,7 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
     """
     warnings.filterwarnings("ignore", message=_FAREWELL)
     port = _free_port(host, port)
+    ended = _ending()  # before it is said that the app runs: who reads that may end it
     threading.Thread(target=warm_up, name="pfviz-compile", daemon=True).start()
     app = App(host, port, settings, video)
     url = f"http://{'localhost' if host in ('127.0.0.1', '0.0.0.0') else host}:{port}"
@@ -179,7 +180,7 @@ def run_app(settings: Settings, video: VideoSetup, host: str, port: int | None, 
     if open_browser:
         threading.Thread(target=webbrowser.open, args=(url,), daemon=True).start()
     try:
-        _wait_for_a_signal()
+        ended.wait()
     finally:
         app.stop()
 
@@ -196,13 +197,13 @@ def warm_up() -> None:
     gc.freeze()
 
 
-def _wait_for_a_signal() -> None:
-    """Return when the process is interrupted or asked to end, even where it was started with interrupts ignored."""
+def _ending() -> threading.Event:
+    """Set when the process is interrupted or asked to end, even where it was started with interrupts ignored."""
     ended = threading.Event()
     with contextlib.suppress(ValueError):  # not in the main thread: whoever is decides
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, lambda *_: ended.set())
-    ended.wait()
+    return ended
 
 
 def _settings(options: argparse.Namespace) -> Settings:

@@ -1,5 +1,6 @@
 """A visitor's screen and session, on a page that exists only in name."""
 
+import signal
 import time
 from unittest.mock import DEFAULT, MagicMock
 
@@ -92,3 +93,16 @@ def test_a_server_that_stops_closes_docks_and_sessions(controls, monkeypatch):
     app.stop()
     assert not session.alive
     controls.return_value.close.assert_called_once_with()
+
+
+def test_who_reads_that_it_runs_may_end_it_at_once(monkeypatch):
+    apps, before = MagicMock(), {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    monkeypatch.setattr(server, "App", apps)
+    monkeypatch.setattr(server, "warm_up", lambda: None)
+    monkeypatch.setattr(server, "print", lambda *_, **__: signal.raise_signal(signal.SIGINT), raising=False)
+    try:
+        server.run_app(FEW, disc_setup(), "127.0.0.1", None, open_browser=False)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+    apps.return_value.stop.assert_called_once_with()
