@@ -113,6 +113,7 @@ def test_a_video_of_ones_own(serve, visit, tmp_path):
     visitor.click("▶ Play")
     visitor.says("The film ends here, at step 12")
     assert visitor.time == 12
+    visitor.type("Steps / second", 4)
     visitor.click("▶ Play")
     visitor.until(lambda: visitor.time < 12)
     visitor.says("The film ends here, at step 12")
