@@ -421,13 +421,13 @@ class Session:
 
     def _drag(self, x: float, y: float, end: bool) -> None:
         """Put the target where the pointer is: in the step on screen, or while playing in every step to come."""
-        place = self._place(x, y)
-        if end:
-            self._grip = None
-        elif self._playing:
-            self._grip = place
-        elif place is not None and self._t > self._earliest:
-            self._lane.toy.film.hold(self._t, place)
+        place, film = self._place(x, y), self._lane.toy.film
+        if end or self._playing:
+            self._grip = None if end else place
+        if place is None or self._playing or self._t <= self._earliest:
+            return
+        if not np.array_equal(place, film.held.get(self._t, ())):
+            film.hold(self._t, place)
             self._rerun(self._lanes)
 
     def _place(self, x: float, y: float) -> FloatArray | None:

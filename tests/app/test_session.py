@@ -742,6 +742,14 @@ def test_the_target_is_where_it_is_dragged_and_the_step_is_done_again(visit):
     assert visit.do(Reset()).toy.film.held == {}
 
 
+def test_the_target_is_where_it_was_let_go(visit):
+    """A page that is slow tells only where the hand came from and where it let go."""
+    picture = visit.do(Step(2), Drag(0.5, 0.0), Drag(1.5, 0.0, end=True))
+    assert picture.toy.film.truth(2) == 1.5
+    trace = picture.toy.trace[2]
+    assert visit.do(Drag(1.5, 0.0, end=True)).toy.trace[2] is trace, "nothing is done twice"
+
+
 def test_while_it_plays_the_target_stays_in_the_hand(visit):
     visit.do(Step(2), Play())
     visit.session.post(Drag(1.25, 0.0))

@@ -27,13 +27,13 @@ def in_window(visitor, name):
     return visitor.drawn()[name].mean(axis=0) + np.array([left, top])
 
 
-def press_at(visitor, place, *places):
+def press_at(visitor, place, *places, moves=4):
     """Press the mouse at a place of the window, drag it through others and let go."""
     mouse = visitor.page.mouse
     mouse.move(*place)
     mouse.down()
     for x, y in places:
-        mouse.move(x, y, steps=4)
+        mouse.move(x, y, steps=moves)
         visitor.page.wait_for_timeout(150)
     mouse.up()
 
@@ -74,6 +74,9 @@ def test_the_target_is_dragged_and_chased(visitor):
     visitor.until(lambda: visitor.points("toy.state")[:, 0].tolist() != states)
     assert visitor.time == 1
     assert visitor.looks_squarely(), "the camera stays"
+    x, y = in_window(visitor, "toy.grab")
+    press_at(visitor, (x, y), (x - 40, y), moves=1)
+    visitor.until(lambda: abs(visitor.points("toy.truth")[0, 0] - truth[0]) < 6, "the target where it was let go")
 
 
 def test_a_particle_of_the_video_shows_its_normals_edges_and_ancestors(visitor):
