@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import fields
 
 from pfviz.particles import FloatArray
 from pfviz.vision.limits import Limits
+from pfviz_app.differences import differences
 from pfviz_app.exports import BUILT_IN, changes_in_words
 from pfviz_app.films import Start, VideoSetup
 from pfviz_app.lane import Lane
@@ -90,10 +90,8 @@ def _filter(settings: Settings, particles: int) -> Iterator[str]:
 def _marked(start: Start | None, start_frame: int) -> Iterator[str]:
     """Where the object is."""
     if start is not None:
-        (x0, y0), (x1, y1), *others = start.outline
-        corners = start.outline if others else ((min(x0, x1), min(y0, y1)), (abs(x1 - x0), abs(y1 - y0)))
-        points = (",".join(repr(float(value)) for value in corner) for corner in corners)
-        yield f"--polygon={';'.join(points)}" if others else f"--box={','.join(points)}"
+        rows = (",".join(repr(float(value)) for value in row) for row in ([start.box] if start.box else start.outline))
+        yield f"--{'box' if start.box else 'polygon'}={';'.join(rows)}"
     if start_frame:
         yield from ("--start-frame", str(start_frame))
     if start is not None and start.frame != start_frame:
@@ -101,9 +99,8 @@ def _marked(start: Start | None, start_frame: int) -> Iterator[str]:
 
 
 def _assumed(assumed: Assumptions) -> Iterator[str]:
-    for name in ("model", "shape", "dynamics", "working_width"):
-        if getattr(assumed, name) != getattr(USUAL, name):
-            yield from (f"--{name.replace('_', '-')}", str(getattr(assumed, name)))
+    for name, value in differences(assumed, USUAL, ("model", "shape", "dynamics", "working_width")).items():
+        yield from (f"--{name.replace('_', '-')}", str(value))
     if assumed.learnt_from is not None:
         yield from ("--learn-dynamics", assumed.learnt_from)
     if not assumed.restart:
@@ -112,11 +109,8 @@ def _assumed(assumed: Assumptions) -> Iterator[str]:
 
 def _terms(setup: VideoSetup) -> Iterator[str]:
     """How the file is read."""
-    usual = Limits()
-    for field in fields(Limits):
-        value = getattr(setup.limits, field.name)
-        if value != getattr(usual, field.name):
-            option = _LIMITS.get(field.name, f"--{field.name.replace('_', '-')}")
-            yield from (option, str(value // MEGABYTE if field.name in _LIMITS else value))
+    for name, value in differences(setup.limits, Limits()).items():
+        option = _LIMITS.get(name, f"--{name.replace('_', '-')}")
+        yield from (option, str(value // MEGABYTE if name in _LIMITS else value))
     if setup.frame_rate is not None:
         yield from ("--frame-rate", repr(setup.frame_rate))

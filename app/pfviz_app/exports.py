@@ -25,6 +25,7 @@ from pfviz.particles import FloatArray
 from pfviz.record import Stage, StepRecord
 from pfviz.vision import Limits, TrackerModel, VideoWriter, draw_track
 from pfviz.worlds import WORLDS, get_world
+from pfviz_app.differences import differences
 from pfviz_app.films import Start, ToyFilm, VideoFilm
 from pfviz_app.room import Room
 from pfviz_app.settings import CONTROLS, RUNNING, Settings
@@ -158,8 +159,7 @@ def _imports(text: str) -> Iterator[str]:
 
 def _opening(source: str, limits: Limits | None, frame_rate: float | None) -> str:
     """The arguments of ``open_source``; only what is not usual."""
-    usual = asdict(Limits())
-    changed = [f"{name}={value!r}" for name, value in asdict(limits or Limits()).items() if value != usual[name]]
+    changed = [f"{name}={value!r}" for name, value in differences(limits or Limits(), Limits()).items()]
     found = [repr(source), *([f"limits=Limits({', '.join(changed)})"] if changed else [])]
     return ", ".join(found if frame_rate is None else [*found, f"frame_rate={frame_rate!r}"])
 
@@ -194,9 +194,9 @@ def changes_in_words(log: Sequence[Settings], elsewhere: str) -> Iterator[tuple[
     """What was changed and from which step on, in words; ``elsewhere`` is a setting that does not matter here."""
     segments = changes(log)
     for (_, before), (t, after) in pairwise(segments):
-        for field in RUNNING:
-            old, new = getattr(before, field), getattr(after, field)
-            if old != new and field != elsewhere:
+        for field, new in differences(after, before, RUNNING).items():
+            if field != elsewhere:
+                old = getattr(before, field)
                 yield t, f"{CONTROLS[field].label if field in CONTROLS else field} {old} -> {new}"
 
 
@@ -208,16 +208,15 @@ def _outline(start: Start | None, frame: int) -> str:
     """The argument of ``learn_tracker`` that says what is followed."""
     if start is None:
         return f"suggested_box(source, {frame})"
-    if len(start.outline) != 2:
+    if start.box is None:
         return f"polygon={[tuple(float(v) for v in corner) for corner in start.outline]!r}"
-    (x0, y0), (x1, y1) = ((float(x), float(y)) for x, y in start.outline)
-    return repr((min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0)))
+    return repr(tuple(float(value) for value in start.box))
 
 
 def _assumed(assumed: Assumptions) -> str:
     """The arguments of ``learn_tracker`` for what is not assumed everywhere."""
-    names = ("model", "shape", "dynamics")
-    found = [f", {name}={getattr(assumed, name)!r}" for name in names if getattr(assumed, name) != getattr(USUAL, name)]
+    unusual = differences(assumed, USUAL, ("model", "shape", "dynamics"))
+    found = [f", {name}={value!r}" for name, value in unusual.items()]
     if assumed.learnt_from is not None:
         found.append(f", dynamics=learn_dynamics(read_states({assumed.learnt_from!r}))")
     if assumed.working_width != USUAL.working_width:

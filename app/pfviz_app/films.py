@@ -22,7 +22,7 @@ from pfviz.record import StepRecord
 from pfviz.vision.limits import Limits, display_name
 from pfviz.vision.presence import AT_START, NOT_YET_FOUND, Presence
 from pfviz.vision.tracker import TrackerModel, TrackEstimate
-from pfviz.vision.video import EndOfVideo, Image, Truth, VideoSource, open_upload
+from pfviz.vision.video import Box, EndOfVideo, Image, Truth, VideoSource, open_upload
 from pfviz.worlds import World
 from pfviz_app.exact_answer import ExactAnswer
 from pfviz_app.start_box import USUAL, Assumptions
@@ -163,6 +163,14 @@ class Start:
     frame: int
     outline: tuple[Point, ...]
 
+    @property
+    def box(self) -> Box | None:
+        """Left, top, width and height of the box; None where it is an outline."""
+        if len(self.outline) != 2:
+            return None
+        (x0, y0), (x1, y1) = self.outline
+        return min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0)
+
     def learn(self, source: VideoSource, assumed: Assumptions = USUAL) -> TrackerModel:
         """The tracker's model of it.
 
@@ -170,11 +178,9 @@ class Start:
             ValueError: if there is no such frame, or nothing to follow there.
         """
         image = source.read(self.frame)
-        if len(self.outline) != 2:
+        if self.box is None:
             return assumed.learn(image, source.frame_rate, polygon=self.outline)
-        (x0, y0), (x1, y1) = self.outline
-        box = (min(x0, x1), min(y0, y1), abs(x1 - x0), abs(y1 - y0))
-        return assumed.learn(image, source.frame_rate, box)
+        return assumed.learn(image, source.frame_rate, self.box)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,10 +6,11 @@ import base64
 import json
 import zlib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pfviz.vision.limits import display_name
+from pfviz_app.differences import differences
 from pfviz_app.films import Start
 from pfviz_app.settings import RUNNING, SettingError, Settings
 
@@ -68,24 +69,19 @@ def changes(log: Iterable[Settings]) -> Changes:
     """Where the settings of the steps 1, 2, ... change."""
     found: list[tuple[int, Settings]] = []
     for t, settings in enumerate(log, start=1):
-        if not found or _differences(settings, found[-1][1]):
+        if not found or differences(settings, found[-1][1], RUNNING):
             found.append((t, settings))
     return tuple(found)
 
 
 def encode(shared: Shared) -> str:
     """A short code; see ``decode``."""
-    default = Settings()
-    values: dict[str, Any] = {
-        f.name: getattr(shared.settings, f.name)
-        for f in fields(Settings)
-        if getattr(shared.settings, f.name) != getattr(default, f.name)
-    }
+    values = differences(shared.settings, Settings())
     values |= {"t": shared.t} if shared.t else {}
     values |= {} if shared.stage is None else {"stage": shared.stage}
     for key, steps in (("changes", shared.changes), ("rivals", shared.rival_changes)):
-        if steps and (key == "rivals" or any(_differences(settings, shared.settings) for _, settings in steps)):
-            values[key] = [[t, _differences(settings, shared.settings)] for t, settings in steps]
+        if steps and (key == "rivals" or any(differences(settings, shared.settings, RUNNING) for _, settings in steps)):
+            values[key] = [[t, differences(settings, shared.settings, RUNNING)] for t, settings in steps]
     if shared.held:
         values["held"] = [[t, *(round(x, PLACE_DIGITS) for x in place)] for t, place in sorted(shared.held.items())]
     if shared.start is not None:
@@ -179,10 +175,6 @@ def _numbers(row: list[Any]) -> tuple[float, ...]:
     if not all(isinstance(x, int | float) and abs(x) <= _FARTHEST for x in row):
         raise SettingError(f"the share code has a place {row!r}: expected numbers up to {_FARTHEST:g}")
     return tuple(float(x) for x in row)
-
-
-def _differences(settings: Settings, other: Settings) -> dict[str, Any]:
-    return {name: getattr(settings, name) for name in RUNNING if getattr(settings, name) != getattr(other, name)}
 
 
 def _at(steps: Changes, t: int) -> Settings | None:
