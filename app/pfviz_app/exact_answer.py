@@ -24,8 +24,8 @@ class ExactAnswer:
         self._seen: dict[int, tuple[Any, FloatArray]] = {}
         self._answers: dict[int, tuple[Gaussian | GridMarginal, float]] = {}
 
-    def step(self, t: int, model: Any, observation: FloatArray, known: Known | None = None) -> None:
-        """Go on to time ``t``; what came later is forgotten.
+    def step(self, t: int, model: Any, observation: FloatArray, known: Known | None = None) -> Known | None:
+        """Go on to time ``t`` and say what is found there; None where nothing is. What came later is forgotten.
 
         Args:
             t: the time.
@@ -41,6 +41,7 @@ class ExactAnswer:
             self._work_out(t)
         for old in sorted(self._states)[1:-_KEPT_STATES]:
             del self._states[old]
+        return (self._states[t], self._answers[t]) if t in self._answers else None
 
     def _work_out(self, t: int) -> None:
         for time in range(max(self._states) + 1, t + 1):
@@ -51,10 +52,6 @@ class ExactAnswer:
             self._states[time] = step.posterior
             marginal = step.posterior.leading(1 if isinstance(step.posterior, GridDensity) else self._dimension)
             self._answers[time] = (marginal, step.log_evidence)
-
-    def known(self, t: int) -> Known | None:
-        """What was found at time ``t``; None where nothing was, or the density is no longer kept."""
-        return (self._states[t], self._answers[t]) if t in self._states and t in self._answers else None
 
     def rewind(self, t: int) -> None:
         """Forget what came after time ``t``."""

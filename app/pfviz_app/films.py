@@ -327,12 +327,15 @@ class VideoFilm:
         estimate = self.estimate(record)
         return float(np.hypot(estimate.x - truth[0], estimate.y - truth[1]))
 
-    def estimate(self, record: StepRecord) -> TrackEstimate:
-        """Where the object is, by ``record``; of the latest records it is worked out only once."""
+    def estimate(self, record: StepRecord, model: TrackerModel | None = None) -> TrackEstimate:
+        """Where the object is, by ``record``; of the latest records it is worked out only once.
+
+        The model that made the record may know already, and is asked where it is given.
+        """
         for known, estimate in self._estimates:
             if known is record:
                 return estimate
-        self._estimates.append((record, self.setup.model.estimate(record)))
+        self._estimates.append((record, (model or self.setup.model).estimate(record)))
         return self._estimates[-1][1]
 
     @property
@@ -346,7 +349,7 @@ class VideoFilm:
         return model if presence is None else model.given(presence)
 
     def presence_after(self, model: TrackerModel, before: Presence | None, record: StepRecord) -> Presence | None:
-        return None if before is None else model.presence(before, record, self.estimate(record))
+        return None if before is None else model.presence(before, record, self.estimate(record, model))
 
     def close(self) -> None:
         self.source.close()

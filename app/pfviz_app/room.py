@@ -6,7 +6,7 @@ from copy import copy
 from dataclasses import dataclass
 from hashlib import blake2b
 from time import perf_counter
-from typing import Any, Generic, TypeVar
+from typing import Generic, TypeVar
 
 import numpy as np
 
@@ -150,13 +150,7 @@ class Room(Generic[F]):
         log_evidence = so_far + (np.nan if record.log_evidence is None else record.log_evidence)
         error, size = self.film.error(t, record), record.effective_sample_size
         outcome = Outcome(self._filter_name, self._model, error, log_evidence, size, elapsed, presence)
-        return Run(record, outcome, self._exact(t, observation))
-
-    def _exact(self, t: int, observation: Any) -> Known | None:
-        if self.exact is None:
-            return None
-        self.exact.step(t, self._model, observation)
-        return self.exact.known(t)
+        return Run(record, outcome, self.exact and self.exact.step(t, self._model, observation))
 
     def outcome(self, t: int) -> Outcome:
         """What is known of the step at time ``t`` beside its record."""

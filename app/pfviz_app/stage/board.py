@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from pfviz.particles import IntArray
-from pfviz_app.stage.drawing import Drawing, Frame, Mark, Room, Target, Toy
-from pfviz_app.stage.layout import Rect
+from pfviz_app.stage.drawing import Drawing, Frame, Mark, Target, Toy
+from pfviz_app.stage.layout import Rect, RoomName
 from pfviz_app.stage.lettering import lettered
 from pfviz_app.stage.palette import Colours, Rgb, blend
 
@@ -50,7 +50,7 @@ class Board:
         """The drawing, with those who know what its pixels stand for."""
         return Drawing(self._marks, tuple(self._targets), frozenset(self._grips), toy, frame)
 
-    def target(self, room: Room, points: ArrayLike, indices: IntArray) -> None:
+    def target(self, room: RoomName, points: ArrayLike, indices: IntArray) -> None:
         """Let what is drawn at ``points (n, 2 or 3)`` be clicked: it stands for the particles at ``indices (n,)``."""
         self._targets.append(Target(room, np.asarray(points, dtype=float)[:, :2], indices, bool(self.scope)))
 

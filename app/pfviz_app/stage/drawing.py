@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from pfviz.particles import FloatArray, IntArray
 from pfviz_app.films import Point
 from pfviz_app.picture import Pick
+from pfviz_app.stage.layout import RoomName
 
 _REACH = 16.0
 _OVERHEAD = 400
 """Roughly what a mark takes beside its data, in bytes."""
-Room = Literal["toy", "tracker"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class Target:
         rival: whether these are of the filter that is compared with.
     """
 
-    room: Room
+    room: RoomName
     points: NDArray[np.float64]
     indices: IntArray
     rival: bool

@@ -49,19 +49,18 @@ class Screen:
         camera.look_at = (width / 2.0, 0.0, -height / 2.0)
 
     def show(self, drawing: Drawing) -> None:
-        """Show the drawing, as one update."""
-        with self._client.atomic():
-            for name, mark in drawing.marks.items():
-                before = self._shown.get(name)
-                if before is None:
-                    self._create(name, mark, name in drawing.grips)
-                elif before is not mark:
-                    self._update(name, before, mark)
-                self._shown[name] = mark
-            hidden = self._nodes.keys() - drawing.marks.keys()
-            for name in hidden ^ self._hidden:
-                self._nodes[name].visible = name not in hidden
-            self._hidden = hidden
+        """Show the drawing. Whoever calls makes it one update."""
+        for name, mark in drawing.marks.items():
+            before = self._shown.get(name)
+            if before is None:
+                self._create(name, mark, name in drawing.grips)
+            elif before is not mark:
+                self._update(name, before, mark)
+            self._shown[name] = mark
+        hidden = self._nodes.keys() - drawing.marks.keys()
+        for name in hidden ^ self._hidden:
+            self._nodes[name].visible = name not in hidden
+        self._hidden = hidden
 
     def _create(self, name: str, mark: Mark, grip: bool) -> None:
         properties, path = dict(mark.properties), _path(name)

@@ -44,7 +44,7 @@ class Stage:
         self._screen.fit_camera(*self._size)
 
     def draw(self, picture: Picture) -> None:
-        """Show the picture, as one update."""
+        """Show the picture. Whoever calls makes it one update."""
         look = (picture.look, self._size, self._phone)
         self._drawing = self._drawings.get(look, lambda: compose(picture, self._size, self._phone))
         self._screen.show(self._drawing)
