@@ -379,7 +379,7 @@ def test_draws_follow_their_distribution(variant):
         assert stats.chisquare(observed, expected * observed.sum() / expected.sum()).pvalue > 1e-4
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     n=st.integers(1, 300),
     d=st.integers(1, 4),
@@ -891,7 +891,6 @@ def test_bad_log_weights_are_named(normalise, log_weights, message):
 
 
 @both_systematics
-@settings(deadline=None)
 @given(
     weights=st.lists(st.one_of(st.just(0.0), st.floats(1e-9, 1.0)), min_size=1, max_size=60).filter(any),
     offset=st.one_of(st.floats(0.0, NEARLY_ONE), st.sampled_from([0.0, NEARLY_ONE])),

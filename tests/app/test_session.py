@@ -518,8 +518,9 @@ def test_a_thousand_commands_at_random_do_not_end_the_session(seed):
                 picture = visit.settled()
                 times.add(picture.t)
                 assert 0 <= picture.t <= picture.last
-                lasts = [room.trace.last for room in rooms(picture)]
-                assert lasts[::2] == lasts[1::2] and min(lasts) == picture.last
+                if not picture.playing:  # or else it may be in the middle of a step
+                    lasts = [room.trace.last for room in rooms(picture)]
+                    assert lasts[::2] == lasts[1::2] and min(lasts) == picture.last
         assert len(times) > 5
         assert visit.session.alive
         video.broken = None

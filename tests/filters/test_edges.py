@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from oracles import observations_of, random_model
 from scipy.special import logsumexp
@@ -195,7 +195,6 @@ def test_a_likelihood_of_the_wrong_shape_is_named():
 extreme = st.one_of(st.floats(-3, 3), st.floats(-1e6, 1e6), st.sampled_from([0.0, 1e9, -1e9]))
 
 
-@settings(max_examples=100, deadline=None)
 @given(
     name=st.sampled_from(list(FILTERS)),
     n=st.integers(1, 12),

@@ -39,7 +39,6 @@ def detector() -> BlobDetector:
     return BlobDetector.learn(ratio_with((120.0, 90.0)), contour, centre, 1.0, SIZE)
 
 
-@settings(deadline=None)
 @given(grids, st.tuples(st.integers(1, 500), st.integers(1, 500)))
 def test_the_density_integrates_to_one(grid, size):
     proposal = GridProposal(grid, size)
@@ -50,7 +49,6 @@ def test_the_density_integrates_to_one(grid, size):
     assert np.exp(proposal.log_density(middles)).sum() * cell_area == pytest.approx(1.0)
 
 
-@settings(deadline=None)
 @given(grids)
 def test_there_is_nothing_outside_the_frame(grid):
     proposal = GridProposal(grid, (100, 50))
@@ -58,7 +56,7 @@ def test_there_is_nothing_outside_the_frame(grid):
     assert (proposal.log_density(outside) == -np.inf).all()
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(grids, st.integers(0, 2**32))
 def test_draws_lie_where_the_density_is_positive(grid, seed):
     proposal = GridProposal(grid, (100, 50))
