@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pfviz.dynamics.autoregressive import cholesky_factor
+from pfviz.dynamics.autoregressive import cholesky_factor, log_gaussian
 from pfviz.model import Components
 from pfviz.particles import FloatArray, readonly
 
@@ -61,13 +61,9 @@ class GaussianMixture:
 
     def log_density(self, proposed: FloatArray) -> FloatArray:
         """``(N,)``: the log-density at ``proposed (N, d)``."""
+        deviations = proposed - self.means[:, None]
         factor: FloatArray = self._factor  # type: ignore[attr-defined]
-        inverse = np.linalg.inv(factor)
-        constant = 0.5 * len(factor) * np.log(2.0 * np.pi) + np.log(np.diag(factor)).sum()
         with np.errstate(divide="ignore"):
             log_weights = np.log(np.asarray(self.weights))
-        terms = np.empty((len(self.means), len(proposed)))
-        for term, log_weight, mean in zip(terms, log_weights, self.means, strict=True):
-            whitened = inverse @ (proposed - mean).T
-            term[:] = log_weight + (-0.5 * np.einsum("dn,dn->n", whitened, whitened) - constant)
-        return np.logaddexp.reduce(terms, axis=0)
+        bumps = log_gaussian(deviations.reshape(-1, deviations.shape[2]), factor).reshape(deviations.shape[:2])
+        return np.logaddexp.reduce(bumps + log_weights[:, None], axis=0)
