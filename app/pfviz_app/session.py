@@ -482,14 +482,14 @@ class Session:
     def _open(self, code: str) -> None:
         """Bring back what was shared, step by step."""
         shared, note = decode(code).brought_to(self._tracker_film.setup.public_name)
+        world = get_world(shared.settings.world)
+        if any(len(place) != world.model.dynamics.dimension for place in shared.held.values()):
+            raise SettingError("the share code puts the target where this world has no room for it")
         film = self._tracker_film
         if shared.start != film.chosen_start:
             film = self._found(shared.start)
         self._settings, self._tracker_film, self._playing, self._situation = shared.settings, film, False, None
-        held = {t: np.array(place) for t, place in shared.held.items()}
-        if any(len(place) != get_world(shared.settings.world).model.dynamics.dimension for place in held.values()):
-            raise SettingError("the share code puts the target where this world has no room for it")
-        toy_film = ToyFilm(get_world(shared.settings.world), shared.settings.seed, held)
+        toy_film = ToyFilm(world, shared.settings.seed, {t: np.array(place) for t, place in shared.held.items()})
         self._start(replace(shared.at(1), rival=shared.settings.rival), shared.rival_at(1), toy_film)
         self._catch_up(shared)
         self._message = f"{note} {self._message}".strip()

@@ -716,6 +716,13 @@ def test_a_code_that_cannot_be_opened_loses_nothing(visit):
     assert "share code" in picture.message and picture.t == 3
 
 
+def test_a_code_with_a_place_of_another_world_loses_nothing(visit):
+    before = visit.do(Step(3))
+    picture = visit.do(Open(encode(Shared(replace(FEW, seed=9), 2, held={1: (0.5, 0.5)}))))
+    assert "no room" in picture.message
+    assert (picture.settings, picture.t, picture.lane) == (before.settings, 3, before.lane)
+
+
 def test_what_takes_long_shows_how_far_it_is_and_can_be_stopped(visit, monkeypatch):
     monkeypatch.setattr("pfviz_app.session._PROGRESS_PERIOD", 0.0)
     code = encode(Shared(FEW, 50))
