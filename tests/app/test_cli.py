@@ -246,7 +246,7 @@ def test_without_a_port_the_next_free_one_is_taken_and_said():
 @pytest.mark.parametrize(("number", "code"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupt_keeps_what_is_done_and_says_so(tmp_path, number, code):
     outputs = ["--csv", tmp_path / "out.csv", "--output", tmp_path / "out.mp4", "--contact-sheet", tmp_path / "out.png"]
-    with start("track", "scene:twin", "--particles", 2000, "--json", *outputs) as process:
+    with start("track", "scene:twin", "--particles", 5000, "--json", *outputs) as process:
         assert json.loads(next(itertools.islice(process.stdout, 3, None)))["frame"] == 3
         process.send_signal(number)
         *lines, said = process.stdout.read().splitlines()
