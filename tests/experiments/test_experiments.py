@@ -204,6 +204,31 @@ def test_degradation_is_against_the_same_run_with_the_right_noise():
     assert noise_robustness.degradation(rows, 4.0) == {("plane", 0): 3.0, ("plane", 1): 6.0}
 
 
+@pytest.mark.parametrize(
+    ("of_base", "of_rival", "verdict"),
+    [
+        (3.0, 1.0, "CONDENSATION degrades more, as the text says"),
+        (1.0, 3.0, "RB-SS-HS-SIR degrades more, against the text"),
+        (-1.0, -3.0, "CONDENSATION fares worse, but does not degrade"),
+        (0.0, -3.0, "CONDENSATION fares worse, but does not degrade"),
+        (1.0, 1.0, "which degrades more cannot be told"),
+    ],
+)
+def test_who_does_not_degrade_is_not_said_to(of_base, of_rival, verdict):
+    growths = {"CONDENSATION": of_base, "RB-SS-HS-SIR": of_rival}
+    rest = {"place": "plane", "group": "plane", "lost": 0.0, "ess_share": 0.5}
+    rows = [
+        {**rest, "label": label, "seed": seed, "system": factor, "error": 5.0 + (factor - 1.0) * growth}
+        for label, growth in growths.items()
+        for seed in range(8)
+        for factor in (1.0, 2.0)
+    ]
+    for row, noise in zip(rows, np.random.default_rng(0).normal(0.0, 0.1, len(rows)), strict=True):
+        row["error"] += noise
+    (sentence,) = noise_robustness.summarise(rows).sentences
+    assert sentence.endswith(f": {verdict}.")
+
+
 def test_a_wait_ends_where_the_object_is_found_for_good():
     near = np.array([0, 1, 0, 0, 1, 1, 1, 1, 1, 0], dtype=bool)
     assert recovery.first_run(near, 5) == (4.0, True)

@@ -114,13 +114,20 @@ def _growth(group: str, factor: float, by_label: dict[str, list[Row]]) -> tuple[
     line = (group, factor, *_three(of_base), *_three(of_rival), *_three(gap))
     if gap.count < 2:
         return line, []
-    verdict = {
-        "greater": f"{_BASE} degrades more, as the text says",
-        "less": f"{_RIVAL} degrades more, against the text",
-        "undecided": "which degrades more cannot be told",
-    }[sign_of(gap)]
+    verdict = _verdict(of_base, of_rival, gap)
     words = f"{group}, noise taken for {factor:g} times what it is: {_BASE} {of_base}, {_RIVAL} {of_rival}: {verdict}."
     return line, [words]
+
+
+def _verdict(of_base: Estimate, of_rival: Estimate, gap: Estimate) -> str:
+    """Whose error grows more; whose does not grow does not degrade, however much the other gains."""
+    sign = sign_of(gap)
+    if sign == "undecided":
+        return "which degrades more cannot be told"
+    worse, growth = (_BASE, of_base) if sign == "greater" else (_RIVAL, of_rival)
+    if sign_of(growth) != "greater":
+        return f"{worse} fares worse, but does not degrade"
+    return f"{worse} degrades more, {'as the text says' if worse == _BASE else 'against the text'}"
 
 
 def _three(estimate: Estimate) -> tuple[float, float, float]:
