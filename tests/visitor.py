@@ -224,8 +224,11 @@ class Visitor:
         self._lets_it_be_sent()
 
     def _lets_it_be_sent(self) -> None:
-        """viser sends the last change of all widgets in 50 ms, so nobody may be quicker from one to the next."""
-        self.page.evaluate("() => new Promise(done => setTimeout(done, 60))")
+        """viser sends the last change of all widgets in 50 ms, so nobody may be quicker from one to the next.
+
+        A slider tells its change in the next frame, which may be late.
+        """
+        self.page.evaluate("() => new Promise(done => requestAnimationFrame(() => setTimeout(done, 60)))")
 
     def number_of(self, label: str) -> Locator:
         return self._slider(label).locator("xpath=following-sibling::*//input")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import threading
 import time
 from collections.abc import Callable, Coroutine
 from contextlib import nullcontext
@@ -66,6 +67,7 @@ class Controls:
         self._client, self._post, self._idle = client, post, idle
         self._widgets: dict[str, Any] = {}
         self._agreed: dict[int, Any] = {}
+        self._agreeing = threading.Lock()
         self._labels = {field: dict(control.choices) for field, control in CONTROLS.items()}
         self._explained: Any = None
         self._dark: bool | None = None
@@ -131,9 +133,10 @@ class Controls:
         The widget itself already holds what they have moved it to before their wish arrives here, so it is compared
         with what was last agreed on. Another picture, and with it another call, follows as soon as the wish is done.
         """
-        if self._agreed.get(id(widget), widget.value) != value and self._idle():
-            widget.value = value
-            self._agreed[id(widget)] = value
+        with self._agreeing:
+            if self._agreed.get(id(widget), widget.value) != value and self._idle():
+                widget.value = value
+                self._agreed[id(widget)] = value
 
     def _explain(self, picture: Picture) -> None:
         s = picture.settings
@@ -256,8 +259,8 @@ class Controls:
 
         async def on_update(event: Any) -> None:
             if event.client is not None:
-                value = widget.value
-                self._agreed[id(widget)] = value
+                with self._agreeing:
+                    value = self._agreed[id(widget)] = widget.value
                 self._post(command(value))
 
         widget.on_update(on_update)

@@ -1,11 +1,12 @@
 """The widgets and the session agree, whoever changed something last."""
 
+import threading
 from pathlib import Path
 from types import SimpleNamespace
 from unittest.mock import MagicMock
 
 import pytest
-from pfviz_app.commands import Seek, Set, Step
+from pfviz_app.commands import Reset, Seek, Set, Step
 from pfviz_app.controls import Controls
 from pfviz_app.settings import CONTROLS, Settings
 from stand_ins import Visit
@@ -122,6 +123,26 @@ def test_time_is_not_left_where_a_visitor_dragged_it_when_that_is_not_where_it_i
     docks.widgets["Time"].moved(99)
     docks.controls.show(visit.do(*docks.posted))
     assert docks.widgets["Time"].value == 3
+
+
+def test_a_wish_that_comes_while_the_widget_is_set_is_answered(docks, visit):
+    docks.controls.show(visit.do(Step(3)))
+    slider = docks.widgets["Time"]
+    mover = threading.Thread(target=slider.moved, args=(1,))
+
+    class Interrupted(Widget):
+        def __setattr__(self, name, value):
+            super().__setattr__(name, value)
+            if name == "value" and mover.ident is None:
+                mover.start()
+                mover.join(0.2)
+
+    slider.__class__ = Interrupted
+    docks.controls.show(visit.do(Reset()))
+    mover.join()
+    assert docks.posted == [Seek(1)]
+    docks.controls.show(visit.do(*docks.posted))
+    assert slider.value == 0
 
 
 def test_a_widget_is_put_right_when_what_was_asked_for_cannot_be(docks, visit):
