@@ -253,7 +253,8 @@ class Toy1d:
         for name, curve, colour in curves:
             self._curve(name, curve / max(peak, 1e-300), "posterior", colour, 0.13)
         if picture.settings.exact:
-            x, y = self._plot.x + self._plot.width / 2, self._y("posterior") + 15
+            base = self._y("posterior")
+            x, y = self._plot.x + self._plot.width / 2, base + min(max(self._plot.bottom - 1 - base, 15), 21)
             text = fitted(distance_text(particles, exact), 11.0, self._plot.width)
             self._board.text("toy/distance", text, x, y, palette.ink, "centre", 11.0)
         self._ticks("toy/estimate", float(particles.mean[0]), palette.posterior, posterior=9)
