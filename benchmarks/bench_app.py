@@ -123,8 +123,8 @@ def main() -> None:
     print(f"Both rooms playing, 24 and 400 particles, RB-SS-HS-SIR. {machine()}.\n")
     print("| visitors | steps/s wished for | reach each, median | slowest visitor | slider to picture, median | p95 |")
     print("|---|---|---|---|---|---|")
-    alike = ((1, 30.0), (1, 40.0), (10, 15.0), (30, 15.0), (60, 15.0))
-    runs = [(*run, True) for run in alike] + [(10, 15.0, False), (30, 15.0, False)]
+    together = ((1, 30.0), (1, 40.0), (10, 15.0), (30, 15.0), (60, 15.0))
+    runs = [(*run, True) for run in together] + [(10, 15.0, False), (30, 15.0, False)]
     for visitors, speed, alike in runs:
         rates, waits = measure(visitors, speed, alike)
         who = f"{visitors}{'' if alike else ', all different'}"

@@ -134,7 +134,7 @@ class Controls:
         with what was last agreed on. Another picture, and with it another call, follows as soon as the wish is done.
         """
         with self._agreeing:
-            if self._agreed.get(id(widget), widget.value) != value and self._idle():
+            if self._agreed[id(widget)] != value and self._idle():
                 widget.value = value
                 self._agreed[id(widget)] = value
 

@@ -80,8 +80,9 @@ def encode(shared: Shared) -> str:
     values |= {"t": shared.t} if shared.t else {}
     values |= {} if shared.stage is None else {"stage": shared.stage}
     for key, steps in (("changes", shared.changes), ("rivals", shared.rival_changes)):
-        if steps and (key == "rivals" or any(differences(settings, shared.settings, RUNNING) for _, settings in steps)):
-            values[key] = [[t, differences(settings, shared.settings, RUNNING)] for t, settings in steps]
+        changed = [[t, differences(settings, shared.settings, RUNNING)] for t, settings in steps]
+        if changed and (key == "rivals" or any(unlike for _, unlike in changed)):
+            values[key] = changed
     if shared.held:
         values["held"] = [[t, *(round(x, PLACE_DIGITS) for x in place)] for t, place in sorted(shared.held.items())]
     if shared.start is not None:

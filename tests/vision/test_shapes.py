@@ -21,7 +21,7 @@ from pfviz.vision.shapes import (
 
 
 def given(*strategies: st.SearchStrategy):
-    """As hypothesis' own, without a limit of time, which a busy machine would break."""
+    """As hypothesis' own, with fewer examples."""
     return lambda test: settings(max_examples=50)(given_anything(*strategies)(test))
 
 
